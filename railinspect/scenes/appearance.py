@@ -70,8 +70,8 @@ _RUST = ((92, 62, 46), (72, 54, 44), (56, 46, 42), (106, 78, 60), (48, 44, 44))
 
 def jitter(rng: np.random.Generator, colour: npt.ArrayLike, share: float = 0.15) -> Array:
     """A colour with its brightness and hue varied by about ``share``."""
-    gain = np.exp(rng.normal(0, share)) * np.exp(rng.normal(0, share / 3, 3))
-    return np.clip(np.asarray(colour, float) * gain, 4, 250)
+    gain = np.exp(rng.normal(0, share)) * np.exp(rng.normal(0, share / 7, 3))
+    return np.clip(np.broadcast_to(np.asarray(colour, float), (3,)) * gain, 4, 250)
 
 
 def draw_appearance(rng: np.random.Generator, settings: SceneSettings) -> Appearance:
@@ -109,6 +109,9 @@ def draw_appearance(rng: np.random.Generator, settings: SceneSettings) -> Appear
     look[g.LOOK_DAPPLE] = rng.uniform(0.2, 0.8) if sunny and rng.random() < 0.35 else 0.0
     look[g.LOOK_WEEDS] = rng.uniform(0.3, 0.9) if rng.random() < 0.25 else 0.0
     look[g.LOOK_OIL] = rng.uniform(0.0, 0.5)
+    if weather.rain > 0 or (settings.weather and rng.random() < 0.05):
+        look[g.LOOK_WET] = rng.uniform(0.2, 0.8)
+    look[g.LOOK_SKY] = float(np.mean(horizon))
     if sunny and settings.distractors and rng.random() < 0.3:
         start = rng.uniform(-8, 6)
         look[g.LOOK_SHADE_FROM] = start
@@ -149,8 +152,8 @@ def _draw_weather(rng: np.random.Generator, settings: SceneSettings, time: str) 
     night, dusk = time == "night", time == "dusk"
     if night:
         grey = 30.0
-    ambient = 0.16 if night else float(rng.uniform(0.35, 0.7)) if dusk else 1.0
-    cast_gain = np.exp(rng.normal(0, 0.05, 3))
+    ambient = float(rng.uniform(0.12, 0.3)) if night else float(rng.uniform(0.35, 0.7)) if dusk else 1.0
+    cast_gain = np.exp(rng.normal(0, 0.035, 3))
     wiper = settings.distractors and rng.random() < (0.5 if wet else 0.06)
     return Weather(
         visibility_m=float(
@@ -158,7 +161,7 @@ def _draw_weather(rng: np.random.Generator, settings: SceneSettings, time: str) 
         ),
         fog_rgb=(grey, grey * 1.01, grey * 1.03),
         ambient=ambient,
-        headlight=float(rng.uniform(0.6, 1.3)) if night else 0.4 if dusk else 0.0,
+        headlight=float(rng.uniform(0.9, 2.0)) if night else 0.4 if dusk else 0.0,
         exposure=float(np.exp(rng.normal(0.0, 0.2))),
         gamma=float(np.exp(rng.normal(0.0, 0.22))),
         contrast=float(np.exp(rng.normal(0.08, 0.16))),

@@ -71,7 +71,7 @@ WAVE_START, WAVE_LENGTH, WAVE_AMPLITUDE, WAVE_PERIOD, WAVE_LEFT, WAVE_RIGHT = ra
     LOOK_OIL,
     LOOK_SHADE_FROM,
     LOOK_SHADE_TO,
-    LOOK_FLOW,
+    LOOK_SKY,
 ) = range(16)
 
 
@@ -368,8 +368,16 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     r += bed_cover * (br - r)
                     g += bed_cover * (bg - g)
                     b += bed_cover * (bb - b)
-                    if bed_cover > 0.5:
+                    if abs(distance) < tracks[nearest, TRACK_BED_HALF]:
                         label = RAIL_TRACK if abs(distance) < half_gauge else TRACKBED
+
+            # Wet ground mirrors the sky, most at a grazing view and in puddles.
+            if look[LOOK_WET] > 0:
+                mirror = look[LOOK_WET] * min(1.0, 0.25 + x * 0.02)
+                mirror *= min(max(0.35 + 0.5 * coarse, 0.0), 0.85)
+                r += mirror * (look[LOOK_SKY] - r)
+                g += mirror * (look[LOOK_SKY] - g)
+                b += mirror * (look[LOOK_SKY] - b)
 
             # Rails: every track whose heads can show in this pixel.
             for k in range(count):

@@ -121,7 +121,9 @@ def view(
     looks = world.looks
     width, height = camera.size_wh
     rotation = camera.camera_from_world
-    focal, (centre_u, centre_v) = camera.focal_px, camera.principal_uv
+    grid, shrink = _lens_grid(camera) if any(camera.distortion) else (None, 1.0)
+    straight = replace(camera, focal_px=camera.focal_px * shrink)
+    focal, (centre_u, centre_v) = straight.focal_px, camera.principal_uv
     track = world.alignment.local(chainage_m, g.FAR_M)
     rgb = np.zeros((height, width, 3), np.float32)
     labels = np.full((height, width), SKY, np.uint8)
@@ -135,7 +137,7 @@ def view(
         START_M - chainage_m, world.tracks, world.spacing_m, local[0], world.zones, local[1],
         world.light, looks.look, stack, chainage_m,
     )
-    geometry, attributes = _place(world, track, chainage_m, camera)
+    geometry, attributes = _place(world, track, chainage_m, straight)
     sun = looks.sun_side
     draw(
         rgb, labels, depth, things, geometry, attributes, focal, centre_u, centre_v, sun, stack
@@ -146,8 +148,7 @@ def view(
         looks.layers, looks.zenith, looks.horizon, looks.cloud, looks.sun_azimuth_rad,
         looks.sun_height, looks.sun_gain, stack,
     )
-    if any(camera.distortion):
-        grid = _lens_grid(camera)
+    if grid is not None:
         rgb = cv2.remap(rgb, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         labels, depth, things = (
             cv2.remap(plane, grid, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
@@ -240,22 +241,25 @@ def _place(
     return geometry, attributes
 
 
-def _lens_grid(camera: Camera) -> npt.NDArray[np.float32]:
-    """Where each distorted pixel finds its light in the undistorted picture, shape (H, W, 2)."""
+def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
+    """Where each pixel of a distorting lens finds its light in an undistorted picture.
+
+    Returns:
+        The source pixels, shape (H, W, 2), and the factor ≤ 1 by which the undistorted picture's
+        focal length must be shortened so that none of them lies outside it.
+    """
     width, height = camera.size_wh
     coarse_u = np.linspace(0, width - 1, 41)
     coarse_v = np.linspace(0, height - 1, 25)
     pixels = np.stack(np.meshgrid(coarse_u, coarse_v), axis=-1).reshape(-1, 1, 2)
-    matrix = _matrix(camera)
-    coefficients = np.array(camera.distortion)
-    straight = cv2.undistortPoints(pixels, matrix, coefficients, P=matrix).reshape(25, 41, 2)
-    rows = np.linspace(0, 24, height)
-    cols = np.linspace(0, 40, width)
-    u, v = np.meshgrid(cols, rows)
-    grid = cv2.remap(
-        straight.astype(np.float32), u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR
-    )
-    return np.asarray(grid, np.float32)
+    plane = cv2.undistortPoints(pixels, _matrix(camera), np.array(camera.distortion))
+    offset = plane.reshape(25, 41, 2) * camera.focal_px
+    room = np.array(camera.principal_uv) + 0.5
+    shrink = float(min(1.0, (room / np.abs(offset).reshape(-1, 2).max(axis=0)).min()))
+    source = (offset * shrink + np.array(camera.principal_uv)).astype(np.float32)
+    u, v = np.meshgrid(np.linspace(0, 40, width), np.linspace(0, 24, height))
+    grid = cv2.remap(source, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    return np.asarray(grid, np.float32), shrink
 
 
 def _matrix(camera: Camera) -> Array:
@@ -271,7 +275,10 @@ def to_picture(camera: Camera, points_xyz: Array) -> Array:
     flat = pixels.reshape(-1, 2)
     plane = (flat - np.array(camera.principal_uv)) / camera.focal_px
     rays = np.column_stack([plane, np.ones(len(plane))])
-    good = np.isfinite(plane).all(axis=1)
+    # past the radius where r·(1 + k1·r²) turns back, the model folds the world onto itself
+    k1 = camera.distortion[0]
+    limit = 1 / (-3 * k1) if k1 < 0 else np.inf
+    good = np.isfinite(plane).all(axis=1) & (np.nan_to_num(plane**2).sum(axis=1) < limit)
     out = np.full_like(flat, np.nan)
     if good.any():
         zero = np.zeros(3)

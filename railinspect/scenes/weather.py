@@ -90,7 +90,7 @@ def _develop(  # type: ignore[no-untyped-def]  # compiled
             if far < 1e8:
                 light = ambient
                 if headlight > 0:
-                    beam = 14.0 / (far + 8.0)
+                    beam = 22.0 / (far + 10.0)
                     light += headlight * min(1.2, beam * beam * 1.6 + 0.25 * beam) * np.exp(
                         -x * x * 3.0
                     )

@@ -433,7 +433,8 @@ def _line_side(draft: Draft, limit: float, away: float, end: float) -> None:
         )
         if what == "fence":
             high = float(rng.uniform(0.9, 2.2))
-            f.strip(kit, at, stop, near, -0.4, high, f.tint(rng.uniform(60, 190, 3)), labels.FENCE,
+            f.strip(kit, at, stop, near, -0.4, high,
+                    f.tint(jitter(rng, rng.uniform(60, 190), 0.2)), labels.FENCE,
                     r.MESH, p0=float(rng.choice([0.15, 0.5, 2.5])), p1=float(rng.uniform(0.12, 0.4)))
         elif what == "wall":
             f.strip(kit, at, stop, near, -0.5, float(rng.uniform(1.0, 4.0)),
@@ -442,7 +443,7 @@ def _line_side(draft: Draft, limit: float, away: float, end: float) -> None:
                     r.BRICK if rng.random() < 0.6 else r.PLAIN, grain=0.15)
         elif what == "barrier":
             f.strip(kit, at, stop, near, -0.4, float(rng.uniform(1.8, 4.0)),
-                    f.tint(rng.uniform(70, 190, 3)), labels.CONSTRUCTION, r.BOARDS,
+                    f.tint(jitter(rng, (120, 124, 118), 0.35)), labels.CONSTRUCTION, r.BOARDS,
                     p0=float(rng.choice([0.2, 0.5, 2.0])))
         elif what == "low":
             f.strip(kit, at, stop, near, -0.4, float(rng.uniform(0.15, 0.6)),
