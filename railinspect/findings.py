@@ -150,7 +150,7 @@ def _things(
             continue
         rows = rows + first
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
-        chainage, lateral, _ = _on_track(track, feet)
+        chainage, lateral, _ = place_on_track(track, feet)
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
@@ -167,7 +167,7 @@ def _things(
     return found
 
 
-def _on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, Array]:
+def place_on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, Array]:
     """Chainage, lateral position and nearest sample of ground pixels; NaN above the horizon."""
     path = track.path
     assert path is not None
