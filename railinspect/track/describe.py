@@ -48,6 +48,7 @@ class Description:
         reach_m: Chainage of the last sight.
         rows: Share of the rows between bottom and horizon the track spans.
         cover: Share of those rows in which each rail was seen, the poorer rail's.
+        contrast: Mean rail probability on the rails less that between them.
     """
 
     camera: Camera
@@ -59,6 +60,7 @@ class Description:
     reach_m: float
     rows: float
     cover: float
+    contrast: float
 
 
 def describe(
@@ -105,7 +107,10 @@ def describe(
     )
     gaps = _gaps(path, seen, inside, centres, growth, scale)
     reach = float(path.chainage_m[:m][seen.any(axis=1)].max())
-    return Description(camera, path, profile, left, right, gaps, reach, rows, cover)
+    return Description(
+        camera, path, profile, left, right, gaps, reach, rows, cover,
+        _contrast(growth, centres),
+    )
 
 
 def _doubtful(centres: Centres, scale: float) -> Bools:
@@ -117,6 +122,15 @@ def _doubtful(centres: Centres, scale: float) -> Bools:
         wide[step:] |= bad[:-step]
         wide[:-step] |= bad[step:]
     return wide
+
+
+def _contrast(growth: Growth, centres: Centres) -> float:
+    """Mean probability of the windows' rails, less that of the ground between them.
+
+    Window means and not single rows' peaks: in pure noise every row has a peak somewhere.
+    """
+    rails = growth.nodes[: growth.last, [growing.LEFT, growing.RIGHT]]
+    return float(rails[rails > 0].mean() - centres.between.mean())
 
 
 def _smooth(
