@@ -50,7 +50,7 @@ def _measure(
     reach_m: float, low: float, offset: Array, peak: Array, width: Array, other: Array,
     between: Array, metre_px: Array, uv: Array,
 ) -> None:
-    profile = np.zeros(_PROFILE)
+    raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
     for i in range(path.shape[0]):
         x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
         nx, ny = -math.sin(psi), math.cos(psi)
@@ -78,7 +78,9 @@ def _measure(
             size = 2 * count + 1
             for k in range(size):
                 d = (k - count) * step
-                profile[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
+                raw[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
+            for k in range(size):
+                profile[k] = (raw[max(0, k - 1)] + 2 * raw[k] + raw[min(size - 1, k + 1)]) / 4
             best, at = -1.0, count
             for k in range(size):
                 e = (k - count) / count
@@ -104,7 +106,7 @@ def _measure(
             shift = moment / total * step
             beside = 0.0
             for k in range(size):
-                if (k < first - 1 or k > last + 1) and profile[k] > beside:
+                if (k < first - 3 or k > last + 3) and profile[k] > beside:
                     beside = profile[k]
             offset[i, rail] = shift / metre
             peak[i, rail] = high
