@@ -347,12 +347,26 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
         own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
-        extra = _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
+        extra = [
+            lobe
+            for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
+            if _continuous(residual[:, rail], lobe, limits.bend_step_px * scale)
+        ]
         lobes += extra
         kind += [name] * len(extra)
     if not lobes:
         return []
     return [_distortion(track, lobes, kind, limit, smooth)]
+
+
+def _continuous(residual_px: Array, lobe: tuple[int, int, int], step_px: float) -> bool:
+    """Whether one rail bends out and back without a jump or a hole.
+
+    Where another rail crosses, the measured centre goes along with it and jumps back.
+    """
+    first, last, _ = lobe
+    window = residual_px[max(0, first - 8) : last + 9]
+    return bool(np.all(np.abs(np.diff(window)) <= step_px))  # NaN compares False
 
 
 def _running_mean(values: Array, length: int) -> Array:

@@ -49,6 +49,7 @@ class Thresholds:
         bend_rows: Least number of sampled rows of a deviation.
         bend_length_m: Least length of a deviation along the track, metres.
         bend_one_rail: Factor on the deviation where only one rail shows it.
+        bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels.
         gap_m: Least length of a hole in both rails that counts as an interruption, metres.
         gap_px: Least height of such a hole, pixels.
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
@@ -85,6 +86,7 @@ class Thresholds:
     bend_rows: int = 3
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
+    bend_step_px: float = 1.2
     gap_m: float = 1.0
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0
