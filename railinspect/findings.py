@@ -374,9 +374,9 @@ def _running_mean(values: Array, length: int) -> Array:
     out = np.full_like(values, np.nan)
     if len(values) < length:
         return out
-    window = np.lib.stride_tricks.sliding_window_view(values, length)
     half = length // 2
-    out[half : len(values) - half] = window.mean(axis=1)
+    inner = len(values) - 2 * half
+    out[half : half + inner] = sum(values[i : i + inner] for i in range(length)) / length
     return out
 
 

@@ -30,6 +30,9 @@ from railinspect.track.vanishing import smoothed, vanishing_point
 
 Array = npt.NDArray[np.float64]
 
+_BAND_ROWS = 64
+"""Rows sampled for the lines near the camera: more only costs time."""
+
 _LEAST_PX = 16
 """Images narrower or lower than this cannot show a track."""
 
@@ -211,7 +214,7 @@ class TrackFollower:
         s_first = bottom - horizon.row_px
         if s_first < 12:
             return [], []
-        stride = max(1, height // 360)
+        stride = max(1, int(settings.band * s_first / _BAND_ROWS))
         top = bottom - settings.band * s_first
         tilt = abs(math.sin(camera.roll_rad)) * width / 2
         first_row = int(max(0.0, height - 1 - settings.band * s_first - tilt))
@@ -221,8 +224,17 @@ class TrackFollower:
         points = np.hstack([level.from_pixels(points[:, :2]), points[:, 2:], points[:, 1:2]])
         points = points[points[:, 1] >= top]
         rows = max(1, int(settings.band * s_first / stride))
-        lines = find_lines(points, bottom, top, width / 2, rows, 2.5 * scale)
         prior = self._prior(camera, horizon, state, s_first)
+        lines = find_lines(
+            points,
+            bottom,
+            top,
+            width / 2,
+            rows,
+            2.5 * scale,
+            (prior.heading_px, prior.horizon_px),
+            3.0 * prior.heading_std_px + 1.2 * prior.horizon_std_px,
+        )
         pairs = [
             pair
             for pair in pairs_of(lines, bottom, prior, limit=6)
