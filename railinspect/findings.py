@@ -151,6 +151,8 @@ def _things(
         rows = rows + first
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
         chainage, lateral, _ = place_on_track(track, feet)
+        # Feet stand on the bed, below the plane of the rail tops: a little farther out.
+        lateral *= 1.0 - limits.foot_m / track.camera.height_m
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
@@ -284,6 +286,9 @@ def _judge(
         return None
     if share < limits.inside_share and width_m < limits.wide_m:
         return None
+    inner = float(np.abs(lateral).min())
+    if inner > limits.core_m and float(np.ptp(chainage)) > 3.0 * width_m:
+        return None  # runs along the track: a platform's edge, a wall, a cable trough
     # The body above the foot: the region's pixels in the foot's columns, up to the region's top.
     first, last = int(inside[:, 0].min()), int(inside[:, 0].max())
     base = int(inside[:, 1].max())

@@ -26,6 +26,9 @@ class Thresholds:
     Attributes:
         clearance_m: Half-width of the clearance envelope for things, metres from the centre line.
             Platform edges lie at about 1.65–1.75 m.
+        core_m: What stays farther out than this and runs along the track is a structure beside
+            it, metres.
+        foot_m: Height of the ground things stand on, metres above the rail tops.
         person_clearance_m: The same for people. A person on a platform appears farther out than
             they stand, because the platform is higher than the plane of the rails.
         reach_share: Things are looked for up to this multiple of the reach of the rails: a thing
@@ -58,6 +61,8 @@ class Thresholds:
     """
 
     clearance_m: float = 1.7
+    core_m: float = 1.15
+    foot_m: float = -0.15
     person_clearance_m: float = 2.0
     reach_share: float = 1.03
     foreign: tuple[int, ...] = (
