@@ -128,13 +128,7 @@ def training_transform(
                 ],
                 p=0.3 * s,
             ),
-            a.OneOf(
-                [
-                    a.GaussNoise((0.01, 0.06), noise_scale_factor=0.5),
-                    a.ISONoise((0.01, 0.03), (0.05, 0.3)),
-                ],
-                p=0.15 * s,
-            ),
+            a.GaussNoise((0.01, 0.06), noise_scale_factor=0.5, p=0.15 * s),
             a.ImageCompression(quality_range=(35, 90), p=0.3 * s),
         ]
     )
