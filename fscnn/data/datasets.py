@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from fscnn.data.cache import render_scene
 from fscnn.data.railsem import Image, list_pairs, read_pair
+from railinspect import scenes
 
 Draw = tuple[int, int]
 
@@ -89,7 +89,8 @@ class SceneSource:
 
     def __call__(self, index: int) -> tuple[Image, Image]:
         """Render scene number ``index``."""
-        return render_scene(self.start + index)
+        rendered = scenes.render(self.start + index)
+        return rendered.rgb, rendered.labels
 
 
 class JoinedSource:

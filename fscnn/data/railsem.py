@@ -86,21 +86,6 @@ def read_pair(pair: Pair) -> tuple[Image, Image]:
     return image, mask
 
 
-def write_pair(pair: Pair, image: Image, mask: Image, jpeg_quality: int = 92) -> None:
-    """Write one pair; the mask lands last, so a pair whose mask exists is complete."""
-    ok, encoded = cv2.imencode(
-        ".jpg", np.ascontiguousarray(image[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-    )
-    assert ok
-    ok, encoded_mask = cv2.imencode(".png", mask, [cv2.IMWRITE_PNG_COMPRESSION, 3])
-    assert ok
-    for path, data in ((pair.image, encoded), (pair.mask, encoded_mask)):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".part")
-        partial.write_bytes(data.tobytes())
-        partial.replace(path)
-
-
 def _decode(path: Path, flags: int) -> Image:
     try:
         data = path.read_bytes()
