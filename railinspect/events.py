@@ -134,6 +134,16 @@ class EventUpdate:
     ended: tuple[Event, ...]
 
 
+@dataclass(frozen=True)
+class TimedRange:
+    """A measured range of an event: seconds of media time, metres, 95 % interval in metres."""
+
+    time_s: float
+    range_m: float
+    std_m: float
+    interval_m: tuple[float, float]
+
+
 @dataclass
 class _Candidate:
     """A place where something was seen; an event once ``id`` is set."""
@@ -149,7 +159,7 @@ class _Candidate:
     votes: dict[str, float] = field(default_factory=dict)
     confidence_sum: float = 0.0
     frames_seen: int = 0
-    ranges: deque[tuple[float, float, float]] = field(default_factory=lambda: deque(maxlen=12))
+    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=12))
     first_range: tuple[float, tuple[float, float] | None] | None = None
     closest: tuple[float, tuple[float, float] | None, float] | None = None
     best_quality: float = -1.0
@@ -168,22 +178,22 @@ class _Candidate:
         """Speed at which the place comes nearer, m/s; None if nothing is known about it."""
         if ego_speed_mps is not None:
             return ego_speed_mps
-        if len(self.ranges) < 4 or self.ranges[-1][0] - self.ranges[0][0] < 0.15:
+        if len(self.ranges) < 4 or self.ranges[-1].time_s - self.ranges[0].time_s < 0.15:
             return None
-        times = [t - self.ranges[0][0] for t, _, _ in self.ranges]
+        times = [r.time_s - self.ranges[0].time_s for r in self.ranges]
         mean_t = sum(times) / len(times)
-        mean_r = sum(r for _, r, _ in self.ranges) / len(times)
+        mean_r = sum(r.range_m for r in self.ranges) / len(times)
         spread = sum((t - mean_t) ** 2 for t in times)
         pairs = zip(times, self.ranges, strict=True)
-        slope = sum((t - mean_t) * (r - mean_r) for t, (_, r, _) in pairs) / spread
+        slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
         return min(max(-slope, 0.0), MAX_CLOSING_MPS)
 
     def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
         """Predicted range and its standard deviation, metres; None without any range so far."""
         if not self.ranges:
             return None
-        seen_s, range_m, std_m = self.ranges[-1]
-        gone_s = time_s - seen_s
+        range_m, std_m = self.ranges[-1].range_m, self.ranges[-1].std_m
+        gone_s = time_s - self.ranges[-1].time_s
         closing = self.closing_mps(ego_speed_mps)
         if closing is None:
             # Anything between standing still and the fastest approach: centre and half width.
@@ -196,7 +206,7 @@ class _Candidate:
         """The last box, grown about the vanishing point to the predicted range."""
         if range_m is None or vanishing_uv is None or not self.ranges or range_m < 1.0:
             return self.box_xyxy
-        scale = min(max(self.ranges[-1][1] / range_m, 0.5), 4.0)
+        scale = min(max(self.ranges[-1].range_m / range_m, 0.5), 4.0)
         u, v = vanishing_uv
         x0, y0, x1, y1 = self.box_xyxy
         return (
@@ -265,23 +275,28 @@ class EventTracker:
         events = [_event(c) for c in self._candidates if c.id is not None]
         return tuple(sorted(events, key=lambda e: (e.closest_range_m or math.inf, e.id)))
 
-    def current_range(
-        self, event_id: int, time_s: float, ego_speed_mps: float | None = None
-    ) -> tuple[float, float] | None:
-        """Predicted range and standard deviation of a live event now, metres, or None."""
+    def ranges_since(self, event_id: int, time_s: float) -> tuple[TimedRange, ...]:
+        """The last ranges of a live event from ``time_s`` on, oldest first, at most twelve."""
         found = self._find(event_id)
-        predicted = found.range_at(time_s, ego_speed_mps) if found else None
-        return (max(predicted[0], 0.0), predicted[1]) if predicted else None
+        return tuple(r for r in found.ranges if r.time_s >= time_s) if found else ()
+
+    def box_of(self, event_id: int) -> Box:
+        """Where a live event was last seen, input pixels."""
+        found = self._find(event_id)
+        return found.box_xyxy if found else (0.0, 0.0, 0.0, 0.0)
 
     def wants_thumbnail(self, event_id: int, frame_index: int) -> bool:
-        """Whether this frame shows the event better than any before."""
+        """Whether this frame shows the event, and better than any picture kept so far."""
         found = self._find(event_id)
-        return found is not None and found.best_frame == frame_index
+        if found is None or found.last_frame != frame_index:
+            return False
+        return found.thumbnail_jpeg is None or found.best_frame == frame_index
 
     def set_thumbnail(self, event_id: int, jpeg: bytes) -> None:
-        """Keep a picture of the event in place of the previous one."""
+        """Keep a picture of the event, from the frame that last showed it."""
         if found := self._find(event_id):
             found.thumbnail_jpeg = jpeg
+            found.best_frame, found.best_box_xyxy = found.last_frame, found.box_xyxy
 
     def note_advice(self, event_id: int, action: str, rank: int, reason: str | None) -> None:
         """Remember the most severe advice given because of the event (higher rank wins)."""
@@ -398,9 +413,10 @@ class EventTracker:
     def _see_range(
         candidate: _Candidate, time_s: float, sighting: Sighting, range_m: float, again: bool
     ) -> None:
-        measured = (time_s, range_m, sighting.range_std_m or 0.0)
-        if again and candidate.ranges and candidate.ranges[-1][0] == time_s:
-            if range_m < candidate.ranges[-1][1]:  # the nearer end of the same thing counts
+        bounds = sighting.range_interval_m or (range_m, range_m)
+        measured = TimedRange(time_s, range_m, sighting.range_std_m or 0.0, bounds)
+        if again and candidate.ranges and candidate.ranges[-1].time_s == time_s:
+            if range_m < candidate.ranges[-1].range_m:  # the nearer end of the same thing counts
                 candidate.ranges[-1] = measured
         else:
             candidate.ranges.append(measured)
@@ -430,8 +446,8 @@ class EventTracker:
 
 
 def _as_sighting(candidate: _Candidate) -> Sighting:
-    range_m = candidate.ranges[-1][1] if candidate.ranges else None
-    std_m = candidate.ranges[-1][2] if candidate.ranges else None
+    range_m = candidate.ranges[-1].range_m if candidate.ranges else None
+    std_m = candidate.ranges[-1].std_m if candidate.ranges else None
     return Sighting(candidate.type, 1.0, candidate.box_xyxy, range_m, std_m)
 
 
