@@ -120,6 +120,35 @@ class Camera:
         centre = np.array(self.principal_uv)
         return cast(Array, seen[..., :2] / depth[..., None] * self.focal_px + centre)
 
+    def distort(self, pixels_uv: npt.ArrayLike) -> Array:
+        """Pixels where the lens shows undistorted pixels (Brown–Conrady), shape (..., 2)."""
+        pixels = np.asarray(pixels_uv, float)
+        if not any(self.distortion):
+            return pixels
+        k1, k2, p1, p2, k3 = self.distortion
+        centre = np.array(self.principal_uv)
+        a, b = np.moveaxis((pixels - centre) / self.focal_px, -1, 0)
+        r2 = a * a + b * b
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        seen = np.stack(
+            [
+                a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a),
+                b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b,
+            ],
+            axis=-1,
+        )
+        return cast(Array, seen * self.focal_px + centre)
+
+    def undistort(self, pixels_uv: npt.ArrayLike) -> Array:
+        """Undo :meth:`distort` by fixed-point iteration, shape (..., 2)."""
+        pixels = np.asarray(pixels_uv, float)
+        if not any(self.distortion):
+            return pixels
+        guess = pixels.copy()
+        for _ in range(12):
+            guess = guess + pixels - self.distort(guess)
+        return cast(Array, guess)
+
     def ray(self, pixels_uv: npt.ArrayLike) -> Array:
         """World direction of each undistorted pixel's ray, not normalised, shape (..., 3)."""
         pixels = np.asarray(pixels_uv, float)

@@ -1,0 +1,145 @@
+"""Where exactly each rail lies: sub-pixel centres along a grown track, row by row."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.track.growing import HALF, PSI, X, Y, Growth
+from railinspect.track.level import Level, bilinear, project
+from railinspect.track.settings import FollowerSettings
+
+Array = npt.NDArray[np.float64]
+
+_PROFILE = 161
+
+
+@dataclass(frozen=True)
+class Centres:
+    """Rail centres measured along the path, bottom to top, one entry per sampled row.
+
+    Attributes:
+        path: x, y (m), heading (rad), half spacing (m) of the path, shape (M, 4).
+        offset_m: Distance of each rail (left, right) from its place on the path, metres,
+            positive to the left, shape (M, 2).
+        peak: Rail probability at the centre, 0..1; −1 outside the image. Shape (M, 2).
+        width_px: Width of the run at half its height, pixels, shape (M, 2).
+        other: Height of a second run beside it, relative to the first, 0..1, shape (M, 2).
+        metre_px: Pixels per metre across the track, shape (M,).
+        uv: Pixel of each rail's centre (of its place on the path where unseen), (M, 2, 2).
+    """
+
+    path: Array
+    offset_m: Array
+    peak: Array
+    width_px: Array
+    other: Array
+    metre_px: Array
+    uv: Array
+
+
+@numba.njit(cache=True)
+def _measure(
+    score: npt.NDArray[np.uint8], cam: Array, path: Array, step: float, least_px: float,
+    reach_m: float, low: float, offset: Array, peak: Array, width: Array, other: Array,
+    metre_px: Array, uv: Array,
+) -> None:
+    profile = np.zeros(_PROFILE)
+    for i in range(path.shape[0]):
+        x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
+        nx, ny = -math.sin(psi), math.cos(psi)
+        ul, vl = project(cam, x + half * nx, y + half * ny)
+        ur, vr = project(cam, x - half * nx, y - half * ny)
+        spacing = math.hypot(ul - ur, vl - vr)
+        metre = spacing / (2.0 * half)
+        metre_px[i] = metre
+        for rail in range(2):
+            side = 1.0 if rail == 0 else -1.0
+            u, v = (ul, vl) if rail == 0 else (ur, vr)
+            du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
+            reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
+            count = min(_PROFILE // 2, int(math.ceil(reach / step)))
+            uv[i, rail, 0], uv[i, rail, 1] = u, v
+            offset[i, rail], peak[i, rail] = 0.0, 0.0
+            width[i, rail], other[i, rail] = 0.0, 0.0
+            if bilinear(score, u, v) < 0.0:
+                peak[i, rail] = -1.0
+                continue
+            size = 2 * count + 1
+            for k in range(size):
+                d = (k - count) * step
+                profile[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
+            best, at = -1.0, count
+            for k in range(size):
+                e = (k - count) / count
+                value = profile[k] - 0.2 * e * e
+                if value > best + 1e-12 or (
+                    abs(value - best) <= 1e-12 and abs(k - count) < abs(at - count)
+                ):
+                    best, at = value, k
+            high = profile[at]
+            if high < low:
+                peak[i, rail] = high
+                continue
+            first, last = at, at
+            while first > 0 and profile[first - 1] >= 0.5 * high:
+                first -= 1
+            while last < size - 1 and profile[last + 1] >= 0.5 * high:
+                last += 1
+            total, moment = 0.0, 0.0
+            for k in range(first, last + 1):
+                weight = profile[k] - 0.45 * high
+                total += weight
+                moment += weight * (k - count)
+            shift = moment / total * step
+            beside = 0.0
+            for k in range(size):
+                if (k < first - 1 or k > last + 1) and profile[k] > beside:
+                    beside = profile[k]
+            offset[i, rail] = shift / metre
+            peak[i, rail] = high
+            width[i, rail] = (last - first + 1) * step
+            other[i, rail] = beside / high
+            uv[i, rail, 0], uv[i, rail, 1] = u + shift * du, v + shift * dv
+            if side == 0.0:
+                break
+
+
+def measure_centres(
+    score: npt.NDArray[np.uint8],
+    level: Level,
+    growth: Growth,
+    s_first_px: float,
+    settings: FollowerSettings,
+) -> Centres:
+    """Measure both rails' centres along a grown track, at least one sample per image row.
+
+    Args:
+        score: Soft rail probability, shape (H, W).
+        level: Levelled view with this frame's horizon.
+        growth: A growth with at least two nodes up to the last sight.
+        s_first_px: Rows below the horizon of the image's bottom.
+        settings: Tuning.
+    """
+    scale = score.shape[1] / 640.0
+    nodes = growth.nodes[: growth.last]
+    rows = np.arange(s_first_px, nodes[-1, 0] - 0.5, -max(1.0, score.shape[0] / 540.0))
+    x = level.ground_from_level(np.stack([0 * rows, rows + level.horizon_px], axis=1))[:, 0]
+    near = nodes[0]
+    heading = np.interp(x, nodes[:, X], nodes[:, PSI])
+    y = np.interp(x, nodes[:, X], nodes[:, Y])
+    before = x < near[X]
+    y[before] = near[Y] + (x[before] - near[X]) * math.tan(near[PSI])
+    path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
+    m = len(path)
+    offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
+    metre, uv = np.zeros(m), np.zeros((m, 2, 2))
+    _measure(
+        score, level.vector(), path, 0.5 * scale, 3.0 * scale, settings.fine_reach_m, settings.low,
+        offset, peak, width, other, metre, uv,
+    )
+    return Centres(path, offset, peak, width, other, metre, uv)

@@ -1,0 +1,254 @@
+"""From grown nodes and measured centres to the geometry that leaves the room."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.camera import Camera
+from railinspect.track import growing
+from railinspect.track.centres import Centres
+from railinspect.track.geometry import Gap, RailProfile, TrackPath
+from railinspect.track.growing import Growth
+from railinspect.track.level import Level
+from railinspect.track.settings import FollowerSettings
+from railinspect.track.smooth import SmoothTrack, fit_smooth
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+STOPS = {
+    growing.NO_BEGIN: "no pair of rails begins at the bottom of the image",
+    growing.LOST: "both rails end",
+    growing.ONE_RAIL: "one rail ends",
+    growing.MERGED: "the rails can no longer be told apart",
+    growing.HORIZON: "the horizon is reached",
+    growing.TURNED: "the track turns out of the view",
+    growing.OUTSIDE: "the track leaves the image",
+    growing.FAR: "the farthest range looked at is reached",
+    growing.FULL: "the growing took too many steps",
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """Everything measured along one track.
+
+    Attributes:
+        camera: Camera whose world frame the path is in.
+        path: Centre line.
+        profile: Rails against the smooth track.
+        left_uv: Left polyline, top to bottom.
+        right_uv: Right polyline, top to bottom.
+        gaps: Missing stretches.
+        reach_m: Chainage of the last sight.
+        rows: Share of the rows between bottom and horizon the track spans.
+        cover: Share of those rows in which each rail was seen, the poorer rail's.
+    """
+
+    camera: Camera
+    path: TrackPath
+    profile: RailProfile
+    left_uv: Array
+    right_uv: Array
+    gaps: tuple[Gap, ...]
+    reach_m: float
+    rows: float
+    cover: float
+
+
+def describe(
+    level: Level, growth: Growth, centres: Centres, s_first_px: float, settings: FollowerSettings
+) -> Description | None:
+    """Fit the smooth track to the measured centres and put everything in the world frame.
+
+    Args:
+        level: Levelled view of this frame.
+        growth: Grown nodes.
+        centres: Rail centres along them.
+        s_first_px: Rows below the horizon of the image's bottom.
+        settings: Tuning.
+
+    Returns:
+        The description, or None where too few centres were seen to fit a track.
+    """
+    scale = level.camera.size_wh[0] / 640.0
+    seen = centres.peak >= settings.low
+    if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
+        return None
+    doubtful = _doubtful(centres, scale)
+    smooth, residual = _smooth(level, centres, seen, doubtful, scale)
+    path_x = centres.path[:, 0]
+    # World frame: along the track under the camera, continued there with its nearest curvature.
+    under = np.zeros(1)
+    heading0 = math.atan(float(smooth.slope(under)[0]))
+    y0 = float(smooth.y(under)[0])
+    offset = -y0 * math.cos(heading0)
+    camera = replace(level.tilted_camera(), yaw_rad=-heading0, offset_m=offset)
+    path = _path(level, growth, smooth, path_x, heading0, offset)
+    m = len(path_x)
+    metre = centres.metre_px
+    noise = _noise_px(residual * metre[:, None], seen & ~doubtful, 0.3 * scale)
+    profile = RailProfile(
+        path.chainage_m[:m], residual, metre, centres.peak, doubtful, centres.uv, noise
+    )
+    left, right = _polylines(level, centres, smooth, seen)
+    rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
+    inside = centres.peak >= 0
+    cover = min(
+        float(np.count_nonzero(seen[:, i]) / max(1, np.count_nonzero(inside[:, i])))
+        for i in range(2)
+    )
+    gaps = _gaps(path, seen, inside, centres, growth, scale)
+    reach = float(path.chainage_m[:m][seen.any(axis=1)].max())
+    return Description(camera, path, profile, left, right, gaps, reach, rows, cover)
+
+
+def _doubtful(centres: Centres, scale: float) -> Bools:
+    """Samples beside which something else looks like a rail, and their neighbours."""
+    expected = np.maximum(2.5 * scale, 0.11 * centres.metre_px)[:, None]
+    bad = (centres.other > 0.45) | (centres.width_px > 2.0 * expected + 1.5 * scale)
+    wide = bad.copy()
+    for step in (1, 2):
+        wide[step:] |= bad[:-step]
+        wide[:-step] |= bad[step:]
+    return wide
+
+
+def _smooth(
+    level: Level, centres: Centres, seen: Bools, doubtful: Bools, scale: float
+) -> tuple[SmoothTrack, Array]:
+    """The smooth track through the seen centres, and each rail's residual across it, metres."""
+    x, y, heading, half = centres.path.T
+    side = np.array([1.0, -1.0])
+    across = side[None, :] * half[:, None] + centres.offset_m
+    rail_x = x[:, None] - np.sin(heading)[:, None] * across
+    rail_y = y[:, None] + np.cos(heading)[:, None] * across
+    # 1 px of blob noise; neighbours share blobs, hence the factor on the weight.
+    sigma = np.hypot(1.0 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
+    sigma = sigma * 2.0
+    sides = np.broadcast_to(side, rail_x.shape)
+    start = float(np.median(half[: max(4, len(half) // 3)]))
+    smooth = fit_smooth(rail_x[seen], rail_y[seen], sides[seen], sigma[seen], start)
+    flat = rail_x.ravel()
+    slope = smooth.slope(flat)
+    lean = np.sqrt(1.0 + slope**2)
+    model = smooth.y(flat) + sides.ravel() * smooth.half_spacing(flat) * lean
+    residual = ((rail_y.ravel() - model) / lean).reshape(rail_x.shape)
+    return smooth, np.where(seen, residual, np.nan)
+
+
+def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
+    """Robust scatter of the residuals' second differences, as one sample's deviation."""
+    steps = []
+    for i in range(2):
+        r = np.where(usable[:, i], residual_px[:, i], np.nan)
+        bend = r[4:] - 2 * r[2:-2] + r[:-4]
+        steps.append(bend[np.isfinite(bend)])
+    bends = np.concatenate(steps)
+    if len(bends) < 10:
+        return 2.0 * least
+    return float(max(least, 1.4826 * np.median(np.abs(bends)) / math.sqrt(6.0)))
+
+
+def _path(
+    level: Level, growth: Growth, smooth: SmoothTrack, x_seen: Array, heading0: float, offset: float
+) -> TrackPath:
+    """Sample the smooth track, continued beyond the last sight with its last curvature."""
+    far = float(x_seen[-1])
+    nodes = growth.nodes[growth.last - 1 :]
+    beyond_to = max(1.6 * far, float(nodes[-1, growing.X]))
+    beyond = far * np.exp(np.linspace(0.02, math.log(beyond_to / far), 24))
+    x = np.concatenate([x_seen, beyond])
+    slope = smooth.slope(x)
+    y = smooth.y(x)
+    step = np.hypot(np.diff(x), np.diff(y))
+    approach = np.linspace(0.0, float(x[0]), 9)
+    before = float(np.hypot(np.diff(approach), np.diff(smooth.y(approach))).sum())
+    chainage = before + np.concatenate([[0.0], np.cumsum(step)])
+    uv = level.pixels(np.stack([x, y], axis=1))
+    heading = np.arctan(slope)
+    half = smooth.half_spacing(x)
+    normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half[:, None]
+    centre = np.stack([x, y], axis=1)
+    ends = level.pixels(np.stack([centre + normal, centre - normal]))
+    metre = np.hypot(*(ends[0] - ends[1]).T) / (2 * half)
+    cos_h, sin_h = math.cos(heading0), math.sin(heading0)
+    world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
+    seen = np.arange(len(x)) < len(x_seen)
+    return TrackPath(world, heading - heading0, half, chainage, uv, metre, seen)
+
+
+def _polylines(
+    level: Level, centres: Centres, smooth: SmoothTrack, seen: Bools
+) -> tuple[Array, Array]:
+    """Rail polylines, top to bottom: measured where seen, the smooth track's in the holes."""
+    width, height = level.camera.size_wh
+    x = centres.path[:, 0]
+    heading = np.arctan(smooth.slope(x))
+    half = smooth.half_spacing(x)
+    y = smooth.y(x)
+    lines = []
+    for rail, side in enumerate((1.0, -1.0)):
+        place = np.stack([x - side * half * np.sin(heading), y + side * half * np.cos(heading)], 1)
+        uv = np.where(seen[:, rail : rail + 1], centres.uv[:, rail], level.pixels(place))
+        last = np.flatnonzero(seen[:, rail])[-1] + 1
+        uv = uv[:last]
+        inside = (uv[:, 0] >= 0) & (uv[:, 0] <= width - 1) & (uv[:, 1] >= 0)
+        inside &= uv[:, 1] <= height - 1
+        lines.append(uv[inside][::-1].copy())
+    return lines[0], lines[1]
+
+
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """(first, one past last) of each run of True."""
+    padded = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _gaps(
+    path: TrackPath, seen: Bools, inside: Bools, centres: Centres, growth: Growth, scale: float
+) -> tuple[Gap, ...]:
+    """Stretches of at least three rows where a rail is missing, and the end of the track."""
+    missing = inside & ~seen
+    gaps: list[Gap] = []
+    m = len(seen)
+    least = 3 * scale
+    kinds: tuple[tuple[Literal["left", "right", "both"], Bools], ...] = (
+        ("both", missing.all(axis=1)),
+        ("left", missing[:, 0] & ~missing[:, 1]),
+        ("right", missing[:, 1] & ~missing[:, 0]),
+    )
+    v = centres.uv[:, :, 1].mean(axis=1)
+    for rail, flags in kinds:
+        for first, last in _runs(flags):
+            if v[first] - v[last - 1] + 1 < least or first == 0:
+                continue
+            end = min(last, m - 1)
+            gaps.append(
+                Gap(
+                    rail,
+                    float(path.chainage_m[first]),
+                    float(path.chainage_m[end]),
+                    float(v[first]),
+                    float(v[end]),
+                    last < m,
+                )
+            )
+    if growth.stop == growing.LOST:
+        gaps.append(
+            Gap(
+                "both",
+                float(path.chainage_m[m - 1]),
+                float(path.chainage_m[-1]),
+                float(path.uv[m - 1, 1]),
+                float(path.uv[-1, 1]),
+                False,
+            )
+        )
+    return tuple(sorted(gaps, key=lambda g: g.from_m))

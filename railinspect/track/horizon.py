@@ -1,0 +1,113 @@
+"""Horizon and camera height from how the rails' spacing grows with the row.
+
+In the levelled view the spacing of the rails is ``w = k·(Y − Y_h)``: a straight line whose zero is
+the horizon and whose slope k = spacing_m·cos θ / h gives the camera's height without knowing its
+focal length. A two-state Kalman filter keeps both: k belongs to the vehicle and hardly changes,
+Y_h moves with the suspension.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.camera import Camera
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Horizon:
+    """Estimate of the horizon row and the spacing growth.
+
+    Attributes:
+        row_px: Y_h, levelled pixels below the principal point.
+        growth: k, pixels of spacing per row below the horizon.
+        covariance: Of (Y_h, k), shape (2, 2).
+        fixed_growth_std: Share of k's standard deviation that measuring cannot reduce (the
+            gauge and the height of a calibrated camera are not measured by k separately).
+    """
+
+    row_px: float
+    growth: float
+    covariance: Array
+
+    @property
+    def row_std_px(self) -> float:
+        """Standard deviation of the horizon row, pixels."""
+        return math.sqrt(max(0.0, float(self.covariance[0, 0])))
+
+    @property
+    def growth_std(self) -> float:
+        """Standard deviation of ln k."""
+        return math.sqrt(max(0.0, float(self.covariance[1, 1]))) / self.growth
+
+    def later(self, row_walk_px: float, growth_walk: float) -> Horizon:
+        """The estimate one frame later: less certain by a random walk of each state."""
+        walk = np.diag([row_walk_px**2, (growth_walk * self.growth) ** 2])
+        return Horizon(self.row_px, self.growth, self.covariance + walk)
+
+    def updated(self, row_px: float, growth: float, covariance: Array) -> Horizon:
+        """The estimate after a measurement of both states with its covariance."""
+        gain = self.covariance @ np.linalg.inv(self.covariance + covariance)
+        step = gain @ np.array([row_px - self.row_px, growth - self.growth])
+        rest = (np.eye(2) - gain) @ self.covariance
+        return Horizon(
+            self.row_px + float(step[0]), self.growth + float(step[1]), (rest + rest.T) / 2
+        )
+
+
+def prior_horizon(camera: Camera, calibrated: bool) -> Horizon:
+    """What is known before the first frame.
+
+    A calibrated camera's pitch is trusted to its own standard deviation and 0.7° of vehicle
+    motion. For an uncalibrated one the horizon lies near the middle of the image and the height
+    between 1.2 m and 5 m (two standard deviations).
+    """
+    cos_pitch = math.cos(camera.pitch_rad)
+    growth = camera.rail_spacing_m * cos_pitch / camera.height_m
+    if calibrated:
+        spread = math.hypot(camera.std.height_m / camera.height_m, camera.std.gauge_m / 1.5)
+        row_std = camera.focal_px * math.hypot(camera.std.pitch_rad, math.radians(0.7))
+        growth_std = math.hypot(spread, 0.02) * growth
+        row = -camera.focal_px * math.tan(camera.pitch_rad)
+    else:
+        row_std, growth_std = 0.16 * camera.size_wh[1], 0.4 * growth
+        row = -0.05 * camera.size_wh[1]
+    return Horizon(row, growth, np.diag([row_std**2, growth_std**2]))
+
+
+def fit_growth(
+    rows_px: Array, spacing_px: Array, noise_px: float, correlated: float = 8.0
+) -> tuple[float, float, Array] | None:
+    """Straight line of spacing over row, robust to outliers.
+
+    Args:
+        rows_px: Levelled rows Y, shape (N,).
+        spacing_px: Spacing of the rails at these rows, shape (N,).
+        noise_px: Standard deviation of one spacing, pixels.
+        correlated: Neighbouring rows see the same blobs: so many count as one.
+
+    Returns:
+        Horizon row, growth and their covariance, or None where the rows do not span enough.
+    """
+    if len(rows_px) < 12 or np.ptp(rows_px) < 12 * noise_px:
+        return None
+    centre = rows_px.mean()
+    design = np.stack([np.ones_like(rows_px), rows_px - centre], axis=1)
+    weight = np.ones_like(rows_px)
+    for _ in range(3):
+        gram = design.T @ (weight[:, None] * design)
+        level, slope = np.linalg.solve(gram, design.T @ (weight * spacing_px))
+        residual = spacing_px - design @ np.array([level, slope])
+        scale = max(noise_px, 1.4826 * float(np.median(np.abs(residual))))
+        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
+    if slope <= 0.02:
+        return None
+    line = np.linalg.inv(gram) * scale**2 * correlated
+    # Y_h = centre − level/slope, k = slope
+    jacobian = np.array([[-1.0 / slope, level / slope**2], [0.0, 1.0]])
+    return float(centre - level / slope), float(slope), jacobian @ line @ jacobian.T

@@ -1,0 +1,64 @@
+"""Every number the track follower is tuned by, with its unit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FollowerSettings:
+    """Settings of :class:`railinspect.track.TrackFollower`.
+
+    Pixel lengths are those of a 640 pixels wide image and scale with the width.
+
+    Attributes:
+        default_fov_rad: Horizontal field of view assumed for a camera nobody calibrated.
+        default_focal_spread: One standard deviation of that camera's focal length, relative;
+            0.25 puts fields of view of 35° to 80° at two standard deviations.
+        default_gauge_std_m: Standard deviation of the gauge of an uncalibrated camera's track.
+        low: Rail probability below which a pixel is no rail.
+        seen: Mean rail probability along a window from which a rail counts as seen there.
+        band: Beginning points and vanishing point come from this lowest share of the rows
+            between the horizon and the bottom.
+        begin_px: Δ_b of the paper: how far a beginning point may move from frame to frame.
+        lost_frames: After so many frames without a followed track it is searched anew.
+        psi: ψ of (42), 1/px².
+        shrink: Each growing window ends at this share of its own height above the ... horizon.
+        step_px: Lateral sampling step of the growing windows.
+        search_px: Least half-width of the lateral search.
+        curvature_walk: Random walk of the curvature along the track, 1/m per √m.
+        gap_m: Longest stretch without any rail the growing crosses.
+        gap_share: Longest such stretch as a share of the range at which it begins.
+        near_gap: Share of the lowest rows that may be hidden (bonnet, wiper, text).
+        min_spacing_px: Rails closer than this, across, can no longer be told apart.
+        max_reach_m: Growing ends here.
+        followed_rows: A followed track spans at least this share of the rows between the
+            bottom of the image and the horizon,
+        followed_cover: has each rail seen in at least this share of those rows,
+        followed_reach_m: and reaches at least this far.
+        fine_reach_m: Half-width of the search for each rail's centre around the grown path.
+    """
+
+    default_fov_rad: float = math.radians(54.4)
+    default_focal_spread: float = 0.25
+    default_gauge_std_m: float = 0.045
+    low: float = 0.30
+    seen: float = 0.25
+    band: float = 0.65
+    begin_px: float = 12.0
+    lost_frames: int = 8
+    psi: float = 0.05
+    shrink: float = 0.90
+    step_px: float = 0.5
+    search_px: float = 3.0
+    curvature_walk: float = 4e-4
+    gap_m: float = 60.0
+    gap_share: float = 1.0
+    near_gap: float = 0.35
+    min_spacing_px: float = 3.5
+    max_reach_m: float = 400.0
+    followed_rows: float = 0.70
+    followed_cover: float = 0.60
+    followed_reach_m: float = 15.0
+    fine_reach_m: float = 0.35
