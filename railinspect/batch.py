@@ -61,14 +61,13 @@ class Progress:
     Attributes:
         name: Name of the present input.
         frames: Frames done over all inputs.
-        frames_expected: Announced frames over all inputs, or None.
-        elapsed_s: Wall-clock time since the first frame was asked for, seconds.
+        share: Share of all inputs that is done, 0 to 1; None if an input does not say how long
+            it is.
     """
 
     name: str
     frames: int
-    frames_expected: int | None
-    elapsed_s: float
+    share: float | None
 
 
 @dataclass
@@ -85,6 +84,7 @@ class InputSummary:
     clear_frames: int = 0
     finding_frames: int = 0
     unknown_frames: int = 0
+    followed_frames: int = 0
     first_time_s: float | None = None
     last_time_s: float | None = None
     events: int = 0
@@ -132,7 +132,8 @@ class RunSummary:
     @property
     def followed_fraction(self) -> float:
         """Share of the frames in which both rails of the own track were followed."""
-        return 1 - self.unknown_frames / self.frames if self.frames else 0.0
+        followed = sum(one.followed_frames for one in self.inputs)
+        return followed / self.frames if self.frames else 0.0
 
     def as_json(self) -> dict[str, Any]:
         """The document printed by ``railinspect inspect --json``."""
@@ -293,9 +294,20 @@ class _Run:
                 self._frames += 1
                 self._seconds = before_s + time.perf_counter() - began_s
                 if progress is not None:
-                    expected = source.frames_expected if len(self._paths) == 1 else None
-                    progress(Progress(name, self._frames, expected, self._seconds))
+                    progress(Progress(name, self._frames, self._share(source, summary)))
         self._seconds = before_s + time.perf_counter() - began_s
+
+    def _share(self, source: Source, summary: InputSummary) -> float | None:
+        """Share done: by media time where a duration is announced, else by frames."""
+        assert summary.first_time_s is not None
+        assert summary.last_time_s is not None
+        if source.duration_s:
+            own = (summary.last_time_s - summary.first_time_s) / source.duration_s
+        elif source.frames_expected:
+            own = summary.frames / source.frames_expected
+        else:
+            return None
+        return (len(self._summaries) - 1 + min(own, 1.0)) / len(self._paths)
 
     def _end_input(self, inspector: Inspector, summary: InputSummary, source: Source) -> None:
         self._write_events(inspector.finish(), summary)
@@ -309,6 +321,7 @@ class _Run:
         summary.clear_frames += record.status == "clear"
         summary.finding_frames += record.status == "finding"
         summary.unknown_frames += record.status == "unknown"
+        summary.followed_frames += record.followed
         if summary.first_time_s is None:
             summary.first_time_s = record.time_s
         summary.last_time_s = record.time_s

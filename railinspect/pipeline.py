@@ -122,8 +122,9 @@ class Inspector:
         """
         segmentation = self._segmenter(frame.rgb)
         track = self._follower_for(frame).update(segmentation, frame)
-        unknown = self._why_unknown(frame, track)
-        findings = () if unknown else self._steps.find(segmentation, track, self._thresholds)
+        doubt = self._why_unknown(frame, track)
+        # What is seen is reported even where the track is not followed; only "clear" needs that.
+        findings = self._steps.find(segmentation, track, self._thresholds)
         ranges = [self._steps.range_of(found, track, track.camera) for found in findings]
         sightings = tuple(_sighting(f, r) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
@@ -141,19 +142,20 @@ class Inspector:
         located = tuple(
             LocatedFinding(*parts) for parts in zip(findings, ranges, update.ids, strict=True)
         )
-        status: Status = "unknown" if unknown else "finding" if findings else "clear"
+        status: Status = "finding" if findings else "unknown" if doubt else "clear"
         return FrameRecord(
             index=frame.index,
             time_s=frame.time_s,
             status=status,
-            reason=unknown or track.reason,
+            followed=track.followed and not frame.damaged,
+            reason=doubt or track.reason,
             left_uv=track.left_uv,
             right_uv=track.right_uv,
             vanishing_uv=vanishing,
             roi_uv=track.roi_uv,
             reach_m=track.reach_m,
             findings=located,
-            advice=self._advise(frame.time_s, update.live, unknown is not None),
+            advice=self._advise(frame.time_s, update.live, doubt is not None),
         )
 
     def take_ended(self) -> tuple[Event, ...]:

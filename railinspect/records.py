@@ -42,10 +42,11 @@ class FrameRecord:
     Attributes:
         index: Position of the frame in its input.
         time_s: Media time, seconds.
-        status: "unknown" where the rails could not be followed or the picture is damaged,
-            "finding" where something was found (confirmed or not), else "clear".
-        reason: Why the status is unknown, or why the rails end where they do; None if nothing
-            needs saying.
+        status: "finding" where something was found (confirmed or not), else "unknown" where the
+            rails could not be followed or the picture is damaged, else "clear".
+        followed: Both rails of the own track were followed in a sound picture.
+        reason: Why they were not, or why the rails end where they do; None if nothing needs
+            saying.
         left_uv: Left rail, input pixels, shape (N, 2), top to bottom; empty if not followed.
         right_uv: Right rail, likewise.
         vanishing_uv: Vanishing point of the track, input pixels; None if unknown.
@@ -59,6 +60,7 @@ class FrameRecord:
     index: int
     time_s: float
     status: Status
+    followed: bool
     reason: str | None
     left_uv: Array
     right_uv: Array
@@ -74,6 +76,7 @@ class FrameRecord:
             "index": self.index,
             "time_s": round(self.time_s, 6),
             "status": self.status,
+            "followed": self.followed,
             "reason": self.reason,
             "rails": {"left": _points(self.left_uv), "right": _points(self.right_uv)},
             "vanishing_point": None if self.vanishing_uv is None else _points(self.vanishing_uv),
