@@ -7,9 +7,12 @@ The rules, in the order they apply:
    the present (its range by the ego speed or by its own closing speed; its box grown about the
    vanishing point accordingly). Without ranges, the boxes themselves have to overlap. Strongly
    overlapping boxes are enough in any case.
-2. **One place, one event.** Findings of different types at the same place (ranges within
-   ``same_place_m`` and touching boxes) are one event: an obstacle hides the rails behind it and
-   so also reads as a distortion. Findings that do not touch stay separate events.
+2. **One place, one event.** Findings of one frame are one event if their boxes touch and their
+   ranges agree (within ``same_place_m`` or their noise), whatever their types: an obstacle hides
+   the rails behind it and so also reads as a distortion. They are one event regardless of their
+   ranges if one is a fragment of the other: at least half inside its box, or of the same type,
+   touching, and mostly beside it. (The range of a person's arm is that of the ground far behind
+   it.) Findings that do not touch are separate events.
 3. **Type.** The type with the most summed confidence. A distortion's confidence counts half, as
    an obstruction explains a distorted rail and not the other way round.
 4. **Confirmation.** A candidate becomes an event once it was seen in ``confirm_hits`` of the last
@@ -253,12 +256,15 @@ class EventTracker:
         """
         ended = self._end_lost(time_s)
         owners = self._associate(time_s, sightings, ego_speed_mps, vanishing_uv)
+        seen: dict[int, _Candidate] = {}
         for index, sighting in enumerate(sightings):
-            if owners[index] is None:
-                owners[index] = self._start(frame_index, time_s)
-                self._candidates.append(owners[index])
-            self._see(owners[index], frame_index, time_s, sighting)
-        seen = {id(owner) for owner in owners}
+            owner = owners[index]
+            if owner is None:
+                owner = _Candidate(time_s, frame_index, deque(maxlen=self._settings.confirm_window))
+                self._candidates.append(owner)
+                owners[index] = owner
+            self._see(owner, frame_index, time_s, sighting)
+            seen[id(owner)] = owner
         for candidate in self._candidates:
             candidate.hits.append(id(candidate) in seen)
             if candidate.id is None and sum(candidate.hits) >= self._settings.confirm_hits:
@@ -319,10 +325,6 @@ class EventTracker:
         self._candidates = [c for c in self._candidates if time_s - c.last_time_s <= limit_s]
         return tuple(_event(c) for c in lost if c.id is not None)
 
-    def _start(self, frame_index: int, time_s: float) -> _Candidate:
-        window = self._settings.confirm_window
-        return _Candidate(time_s, frame_index, deque(maxlen=window))
-
     def _associate(
         self,
         time_s: float,
@@ -340,17 +342,18 @@ class EventTracker:
                 if cost is not None:
                     costs.append((cost, s_index, c_index))
         owners: list[_Candidate | None] = [None] * len(sightings)
-        taken: dict[int, int] = {}
+        leaders: dict[int, int] = {}  # each candidate's best sighting
         for _, s_index, c_index in sorted(costs):
+            if owners[s_index] is None and c_index not in leaders:
+                leaders[c_index] = s_index
+                owners[s_index] = self._candidates[c_index]
+        for s_index, sighting in enumerate(sightings):
             if owners[s_index] is not None:
                 continue
-            candidate = self._candidates[c_index]
-            if c_index in taken and not self._one_place(
-                sightings[taken[c_index]], sightings[s_index]
-            ):
-                continue  # a second object, which needs a candidate of its own
-            taken.setdefault(c_index, s_index)
-            owners[s_index] = candidate
+            for c_index, leader in leaders.items():
+                if self._one_place(sightings[leader], sighting):
+                    owners[s_index] = self._candidates[c_index]
+                    break
         return owners
 
     def _cost(
@@ -381,6 +384,8 @@ class EventTracker:
         """Rule 2 for two findings of one frame."""
         if not boxes_touch(first.box_xyxy, second.box_xyxy):
             return False
+        if _is_fragment(first, second):
+            return True
         if first.range_m is None or second.range_m is None:
             return True
         noise_m = math.hypot(first.range_std_m or 0.0, second.range_std_m or 0.0)
@@ -445,6 +450,15 @@ class EventTracker:
         return [replaced.get(id(owner), owner) if owner else None for owner in owners]
 
 
+def _is_fragment(first: Sighting, second: Sighting) -> bool:
+    """Whether one of two touching findings is a piece of the other, by their boxes alone."""
+    a, b = first.box_xyxy, second.box_xyxy
+    if overlap_share(a, b) >= 0.5:
+        return True
+    beside = min(a[3], b[3]) - max(a[1], b[1])
+    return first.type == second.type and beside >= 0.5 * min(_height(a), _height(b))
+
+
 def _as_sighting(candidate: _Candidate) -> Sighting:
     range_m = candidate.ranges[-1].range_m if candidate.ranges else None
     std_m = candidate.ranges[-1].std_m if candidate.ranges else None
@@ -499,6 +513,14 @@ def iou(first: Box, second: Box) -> float:
         return 0.0
     shared = width * height
     return shared / (_area(first) + _area(second) - shared)
+
+
+def overlap_share(first: Box, second: Box) -> float:
+    """Share of the smaller box that lies inside the larger one, 0 to 1."""
+    width = min(first[2], second[2]) - max(first[0], second[0])
+    height = min(first[3], second[3]) - max(first[1], second[1])
+    smaller = min(_area(first), _area(second))
+    return width * height / smaller if width > 0 and height > 0 and smaller > 0 else 0.0
 
 
 def boxes_touch(first: Box, second: Box, slack: float = 0.15) -> bool:

@@ -22,7 +22,7 @@ Json = Mapping[str, Any]
 def write_report(folder: RunFolder) -> None:
     """Write ``report.html`` from ``run.json``, ``frames.jsonl`` and ``events.jsonl``."""
     run = json.loads(folder.current("run.json").read_text(encoding="utf-8"))
-    events = list(read_json_lines(folder.current("events.jsonl")))
+    events = sorted(read_json_lines(folder.current("events.jsonl")), key=lambda e: int(e["id"]))
     frames = read_json_lines(folder.current("frames.jsonl"))
     timelines = summarise(frames, run["inputs"])
     page = render_page(run, events, timelines, folder)

@@ -34,6 +34,10 @@ th { text-align:left; color:var(--soft); font-weight:600; font-size:12.5px;
 td { border-bottom:1px solid var(--line); padding:8px 10px; vertical-align:top;
   font-variant-numeric:tabular-nums; overflow-wrap:anywhere; }
 tr:last-child td { border-bottom:0; }
+#events td:first-child { font-weight:600; }
+#events td { min-width:40px; }
+#events td:nth-last-child(-n+5):not(:last-child) { white-space:nowrap; }
+#events td:last-child { min-width:150px; }
 tr:target td { background:#fff7e6; }
 td small { color:var(--soft); display:block; font-size:12.5px; }
 td img { display:block; width:180px; height:auto; border-radius:6px; }

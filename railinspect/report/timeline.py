@@ -37,8 +37,8 @@ def timeline_svg(
     lanes = max((row for _, row in rows), default=-1) + 1
     ranged = bool(timeline.points)
     band_y, lane_y = 6.0, 6.0 + _BAND_H + 8
-    chart_y = lane_y + lanes * _ROW_H + (10 if lanes else 0)
-    axis_y = chart_y + (_CHART_H + 6 if ranged else 0)
+    chart_y = lane_y + lanes * _ROW_H + 18
+    axis_y = chart_y + _CHART_H + 6 if ranged else lane_y + lanes * _ROW_H
     parts = [*_axis(timeline, band_y, axis_y), *_band(timeline, band_y)]
     for event, row in rows:
         parts.append(_event_bar(timeline, event, lane_y + row * _ROW_H))
@@ -135,7 +135,7 @@ def _range_chart(timeline: InputTimeline, types: Mapping[int, str], top: float) 
     highest = max(timeline.points.values())
     step = nice_step(highest, 4)
     full = max(math.ceil(highest / step) * step, step)
-    parts = [f'<text class="lane" x="0" y="{top + 9:.1f}">range</text>']
+    parts = [f'<text class="lane" x="0" y="{top - 9:.1f}">range</text>']
     for index in range(round(full / step) + 1):
         y = top + _CHART_H * (1 - index * step / full)
         parts.append(
@@ -148,8 +148,6 @@ def _range_chart(timeline: InputTimeline, types: Mapping[int, str], top: float) 
         y = top + _CHART_H * (1 - range_m / full)
         kind = escape(types.get(event_id, "other"))
         parts.append(f'<circle class="t-{kind}" cx="{x:.1f}" cy="{y:.1f}" r="2"/>')
-    # The lane's own name would collide with the top label, so it is set above the chart.
-    parts[0] = f'<text class="lane" x="0" y="{top - 3:.1f}">range</text>'
     return parts
 
 

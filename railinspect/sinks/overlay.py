@@ -55,7 +55,7 @@ def draw_overlay(rgb: Image, record: FrameRecord) -> Image:
         RGB image of the same shape.
     """
     picture = rgb.copy()
-    scale = max(min(rgb.shape[0], rgb.shape[1]) / 540, 0.6)
+    scale = max(min(rgb.shape[0], rgb.shape[1]) / 480, 0.75)
     thin = max(round(1.2 * scale), 1)
     if record.status != "unknown":
         if len(record.roi_uv) > 2:
@@ -63,8 +63,9 @@ def draw_overlay(rgb: Image, record: FrameRecord) -> Image:
         for rail in (record.left_uv, record.right_uv):
             if len(rail) > 1:
                 _lines(picture, rail, _RAIL, thin + 1, closed=False)
-    for found in record.findings:
-        _draw_finding(picture, found, scale, thin)
+    labels: list[tuple[int, int, int, int]] = []
+    for found in sorted(record.findings, key=lambda one: -one.finding.box_xyxy[3]):
+        _draw_finding(picture, found, scale, thin, labels)
     _draw_banner(picture, record, scale)
     return picture
 
@@ -77,7 +78,13 @@ def _lines(
     cv2.polylines(picture, [fixed], closed, colour, width, cv2.LINE_AA, _SUBPIXEL_BITS)
 
 
-def _draw_finding(picture: Image, found: LocatedFinding, scale: float, thin: int) -> None:
+def _draw_finding(
+    picture: Image,
+    found: LocatedFinding,
+    scale: float,
+    thin: int,
+    labels: list[tuple[int, int, int, int]],
+) -> None:
     colour = TYPE_RGB.get(found.finding.type, _INK)
     confirmed = found.event_id is not None
     polygon = np.asarray(found.finding.polygon_uv, float)
@@ -93,18 +100,29 @@ def _draw_finding(picture: Image, found: LocatedFinding, scale: float, thin: int
         words += f" {found.range.range_m:.0f} m ({low:.0f}-{high:.0f})"
     else:
         words += " range unknown"
-    _label(picture, words, (x0, y0), colour, 0.45 * scale)
+    _label(picture, words, (x0, y0), colour, 0.45 * scale, labels)
 
 
-def _label(picture: Image, words: str, at: tuple[int, int], colour: Colour, size: float) -> None:
-    """Dark text on a coloured tag above ``at``, kept inside the picture."""
+def _label(
+    picture: Image,
+    words: str,
+    at: tuple[int, int],
+    colour: Colour,
+    size: float,
+    labels: list[tuple[int, int, int, int]],
+) -> None:
+    """Dark text on a coloured tag above ``at``, inside the picture and off the other labels."""
     thickness = max(round(size * 1.6), 1)
     (width, height), base = cv2.getTextSize(words, _FONT, size, thickness)
-    left = min(max(at[0], 0), max(picture.shape[1] - width - 6, 0))
-    bottom = max(at[1] - 3, height + base + 4)
-    cv2.rectangle(
-        picture, (left, bottom - height - base - 2), (left + width + 6, bottom), colour, -1
-    )
+    tall, wide = height + base + 2, width + 6
+    left = min(max(at[0], 0), max(picture.shape[1] - wide, 0))
+    bottom = max(at[1] - 3, tall)
+    for other in sorted(labels, key=lambda box: -box[3]):
+        apart = left >= other[2] or other[0] >= left + wide
+        if not apart and bottom > other[1] and bottom - tall < other[3] and other[1] >= tall:
+            bottom = other[1] - 1
+    labels.append((left, bottom - tall, left + wide, bottom))
+    cv2.rectangle(picture, (left, bottom - tall), (left + wide, bottom), colour, -1)
     cv2.putText(
         picture, words, (left + 3, bottom - base), _FONT, size, (20, 22, 26), thickness, cv2.LINE_AA
     )
