@@ -118,7 +118,7 @@ def draw_appearance(rng: np.random.Generator, settings: SceneSettings) -> Appear
         look[g.LOOK_SHADE_TO] = start + rng.choice([0.15, 0.4, 3.0, 12.0])
     layers, lines = [], []
     for level in range(int(rng.integers(1, 4))):
-        far = 400.0 * 2.2**level
+        far = 800.0 * 2.2**level
         tall = rng.choice([0.012, 0.03, 0.08, 0.2], p=[0.3, 0.35, 0.25, 0.1]) * (0.7 + 0.4 * level)
         lines.append(skyline(rng, float(tall), float(rng.uniform(0.4, 0.75)), 12 + 8 * level))
         tint = jitter(rng, leaves[level % 3] * 0.9 if level < 2 else (104, 116, 128), 0.15)

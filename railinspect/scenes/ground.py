@@ -327,6 +327,8 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     g = tracks[nearest, TRACK_SLEEPER_G] * gain
                     b = tracks[nearest, TRACK_SLEEPER_B] * gain
             elif nearest >= 0:
+                if abs(distance) < tracks[nearest, TRACK_BED_HALF]:
+                    label = RAIL_TRACK if abs(distance) < half_gauge else TRACKBED
                 edge = tracks[nearest, TRACK_BED_HALF] + 0.25 * fine + 0.2 * coarse
                 bed_cover = min(max((edge - abs(distance)) / (0.15 + width) + 0.5, 0.0), 1.0)
                 if bed_cover > 0:
@@ -368,8 +370,6 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     r += bed_cover * (br - r)
                     g += bed_cover * (bg - g)
                     b += bed_cover * (bb - b)
-                    if abs(distance) < tracks[nearest, TRACK_BED_HALF]:
-                        label = RAIL_TRACK if abs(distance) < half_gauge else TRACKBED
 
             # Wet ground mirrors the sky, most at a grazing view and in puddles.
             if look[LOOK_WET] > 0:
@@ -458,6 +458,7 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             rgb[v, u, 1] = g * shade
             rgb[v, u, 2] = b * shade
             labels[v, u] = label
-            depth[v, u] = x * (
+            lower_ground = not flush and label != RAIL_RAISED
+            depth[v, u] = (x + further if lower_ground else x) * (
                 rotation[2, 0] + rotation[2, 1] * aside - rotation[2, 2] * slope
             )

@@ -50,6 +50,7 @@ from railinspect.scenes.noise import sample
 
 NO_LABEL = -1.0
 NEAR_M = 0.25
+TOLERANCE = 1.004  # a foot on the ground must not sink into it by rounding
 _TEXEL_M = 0.04
 
 Colour = tuple[float, float, float]
@@ -233,7 +234,7 @@ def _draw_line(  # type: ignore[no-untyped-def]  # compiled
                 continue
             cover = min(cover, 1.0)
             v, u = (m, c) if upright else (c, m)
-            if z > depth[v, u]:
+            if z > depth[v, u] * TOLERANCE:
                 continue
             across = min(max((c - cross) / max(half, 0.5), -1.0), 1.0)
             light = 0.9 - attribute[ATTR_GRAIN] * across * sun - 0.15 * across * across
@@ -329,7 +330,7 @@ def draw(  # type: ignore[no-untyped-def]  # compiled; types are those of the ta
                 if q2 <= 0:
                     continue
                 z = 1.0 / q2
-                if z < NEAR_M or (z > depth[v, u] and material != SHADOW):
+                if z < NEAR_M or (z > depth[v, u] * TOLERANCE and material != SHADOW):
                     continue
                 a = (cx * x + cy * y + cz) / det * z
                 if a < 0 or a > 1:

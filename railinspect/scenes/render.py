@@ -137,16 +137,16 @@ def view(
         START_M - chainage_m, world.tracks, world.spacing_m, local[0], world.zones, local[1],
         world.light, looks.look, stack, chainage_m,
     )
-    geometry, attributes = _place(world, track, chainage_m, straight)
-    sun = looks.sun_side
-    draw(
-        rgb, labels, depth, things, geometry, attributes, focal, centre_u, centre_v, sun, stack
-    )
     heading = world.alignment.heading(chainage_m)
     backdrop.shade_backdrop(
         rgb, labels, depth, rotation, focal, centre_u, centre_v, heading, looks.skylines,
         looks.layers, looks.zenith, looks.horizon, looks.cloud, looks.sun_azimuth_rad,
         looks.sun_height, looks.sun_gain, stack,
+    )
+    geometry, attributes = _place(world, track, chainage_m, straight)
+    sun = looks.sun_side
+    draw(
+        rgb, labels, depth, things, geometry, attributes, focal, centre_u, centre_v, sun, stack
     )
     if grid is not None:
         rgb = cv2.remap(rgb, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

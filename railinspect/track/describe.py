@@ -176,11 +176,15 @@ def _path(
     normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half[:, None]
     centre = np.stack([x, y], axis=1)
     ends = level.pixels(np.stack([centre + normal, centre - normal]))
-    metre = np.hypot(*(ends[0] - ends[1]).T) / (2 * half)
+    span = (ends[0] - ends[1]) / (2 * half)[:, None]
+    metre = np.hypot(*span.T)
+    run = np.gradient(uv, axis=0)
+    run /= np.hypot(*run.T)[:, None] + 1e-12
+    across = np.abs(span[:, 0] * run[:, 1] - span[:, 1] * run[:, 0])
     cos_h, sin_h = math.cos(heading0), math.sin(heading0)
     world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
     seen = np.arange(len(x)) < len(x_seen)
-    return TrackPath(world, heading - heading0, half, chainage, uv, metre, seen)
+    return TrackPath(world, heading - heading0, half, chainage, uv, metre, across, seen)
 
 
 def _polylines(

@@ -53,6 +53,8 @@ class TrackPath:
         chainage_m: Distance along the track from under the camera, shape (M,).
         uv: Pixel of the centre line, shape (M, 2).
         metre_px: Pixels per metre across the track, shape (M,).
+        across_px: The same, measured at right angles to the track as it runs through the image:
+            what a metre beside the track takes up where the track turns sideways. Shape (M,).
         seen: Whether the rails were followed up to this sample, shape (M,).
     """
 
@@ -62,6 +64,7 @@ class TrackPath:
     chainage_m: Array
     uv: Array
     metre_px: Array
+    across_px: Array
     seen: Bools
 
 

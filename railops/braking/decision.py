@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any, Literal
 
+from railops.braking.channels import joint_exceedance
 from railops.braking.stopping import STEP_S, cannot_stop, motion_of, stop
 from railops.braking.train import Train
 from railops.errors import CannotStopError, DomainError, MeasurementError, check_range
@@ -173,20 +174,6 @@ class Advice:
             f"the horn sounds at {self.warn_at_m:.1f} m available, service braking starts at "
             f"{self.service_at_m:.1f} m, emergency braking at {self.emergency_at_m:.1f} m"
         )
-
-
-def joint_exceedance(exceedance: float, count: int, common_cause: float = 0.0) -> float:
-    """Probability that all of ``count`` measurements exceed: c·p + (1 − c)·p^k.
-
-    Example:
-        >>> joint_exceedance(1e-2, 4)
-        1e-08
-        >>> f"{joint_exceedance(1e-4, 2, 0.01):.4g}"
-        '1.01e-06'
-    """
-    if count == 0:
-        return 1.0
-    return float(common_cause * exceedance + (1.0 - common_cause) * exceedance**count)
 
 
 def decide(

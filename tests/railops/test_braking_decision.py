@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from railops.braking import Advice, Brake, Policy, RangeMeasurement, Train, decide
-from railops.braking.decision import SEVERITY, joint_exceedance
+from railops.braking.decision import SEVERITY
 from railops.errors import CannotStopError, DomainError, MeasurementError, RailOpsError
 from railops.traction import Adhesion, Davis, Line
 
@@ -253,12 +253,6 @@ def test_never_milder_for_a_worse_situation_in_10000_random_ones():
     # The sample must exercise the decision: every action occurs, and many pairs change it.
     assert min(seen_actions.values()) > 300
     assert changed > 300
-
-
-def test_joint_exceedance_with_common_cause():
-    # FACTS: p = 1e-4, k = 2, c = 1 % gives 1e-6, not 1e-8.
-    assert joint_exceedance(1e-4, 2, 0.01) == pytest.approx(1.0099e-6, rel=1e-4)
-    assert joint_exceedance(1e-2, 0) == 1.0
 
 
 def test_decision_is_fast():

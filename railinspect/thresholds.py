@@ -1,0 +1,91 @@
+"""Every threshold a finding depends on, with its unit and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from railinspect.labels import (
+    CAR,
+    CONSTRUCTION,
+    FENCE,
+    ON_RAILS,
+    POLE,
+    TRAFFIC_LIGHT,
+    TRAFFIC_SIGN,
+    TRUCK,
+)
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Thresholds of :func:`railinspect.findings.find`.
+
+    Pixel lengths are those of a 640 pixels wide image and scale with the width: they stand for
+    what the segmentation can resolve.
+
+    Attributes:
+        clearance_m: Half-width of the clearance envelope for things, metres from the centre line.
+            Platform edges lie at about 1.65–1.75 m.
+        person_clearance_m: The same for people. A person on a platform appears farther out than
+            they stand, because the platform is higher than the plane of the rails.
+        reach_share: Things are looked for up to this multiple of the reach of the rails: a thing
+            hides the rails it stands on from its foot upwards.
+        foreign: Classes that have no business on a track, besides people.
+        least_width_m: Least width across the track inside the envelope, metres.
+        least_height_m: Least height, metres.
+        person_height_m: Least height of a person, metres (sitting, lying across).
+        least_area_px: Least area, pixels.
+        least_foot_px: Least width of the foot inside the envelope, pixels.
+        deep_m: A thing at the envelope's edge must come this far inside it, metres,
+        deep_px: and this far in pixels at right angles to the track in the image.
+        overhang_m: What meets the ground's image less than this above the foot of something it
+            hangs together with is a part of that (an arm, a signal's head), metres.
+        inside_share: Least share of the foot line that lies inside the envelope, unless it is
+            ``wide_m`` wide inside it.
+        wide_m: Metres inside the envelope that count whatever lies outside.
+        bend_px: Least deviation of the rails from the smooth track, pixels.
+        bend_m: Least deviation, metres.
+        bend_noise: Least deviation as a multiple of the segmentation's own scatter.
+        bend_rows: Least number of sampled rows of a deviation.
+        bend_length_m: Least length of a deviation along the track, metres.
+        bend_one_rail: Factor on the deviation where only one rail shows it.
+        gap_m: Least length of a hole in both rails that counts as an interruption, metres.
+        gap_px: Least height of such a hole, pixels.
+        gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
+            segmentation's own.
+        gap_contrast: Least rail probability just before and just after the hole.
+    """
+
+    clearance_m: float = 1.7
+    person_clearance_m: float = 2.0
+    reach_share: float = 1.03
+    foreign: tuple[int, ...] = (
+        CONSTRUCTION,
+        FENCE,
+        POLE,
+        TRAFFIC_LIGHT,
+        TRAFFIC_SIGN,
+        CAR,
+        TRUCK,
+        ON_RAILS,
+    )
+    least_width_m: float = 0.20
+    least_height_m: float = 0.25
+    person_height_m: float = 0.60
+    least_area_px: float = 14.0
+    least_foot_px: float = 2.0
+    deep_m: float = 0.25
+    deep_px: float = 1.5
+    overhang_m: float = 3.0
+    inside_share: float = 0.5
+    wide_m: float = 0.8
+    bend_px: float = 1.5
+    bend_m: float = 0.04
+    bend_noise: float = 4.5
+    bend_rows: int = 3
+    bend_length_m: float = 0.8
+    bend_one_rail: float = 1.8
+    gap_m: float = 1.0
+    gap_px: float = 8.0
+    gap_spacing_px: float = 16.0
+    gap_contrast: float = 0.6

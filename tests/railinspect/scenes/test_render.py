@@ -1,0 +1,186 @@
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from railinspect.camera import Camera
+from railinspect.errors import BadInputError
+from railinspect.labels import CLASSES, HUMAN, RAILS
+from railinspect.scenes import Ride, SceneSettings, demo_settings, render, render_stereo, write_images
+from railinspect.scenes.dataset import IMAGES, MASKS
+from railinspect.scenes.planting import plant
+from railinspect.scenes.render import Rendered, view
+from railinspect.scenes.world import begin, finish
+
+SMALL = (320, 180)
+CLEAR = SceneSettings(size_wh=SMALL, kind="line", occluders=False, weather=False, distractors=False)
+
+
+def on_rails(picture: Rendered) -> float:
+    """Share of the nearer two thirds of rail points that lie within a pixel of a rail label."""
+    rails = np.isin(picture.labels, RAILS).astype(np.uint8)
+    near = cv2.dilate(rails, np.ones((3, 3), np.uint8))
+    points = np.concatenate([rail[len(rail) // 3 :] for rail in picture.ego_rails])
+    where = np.clip(np.round(points).astype(int), 0, np.array(picture.labels.shape)[::-1] - 1)
+    return float(near[where[:, 1], where[:, 0]].mean())
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=15, deadline=None)
+def test_same_seed_same_bytes_and_a_complete_picture(seed: int) -> None:
+    choice = SceneSettings(size_wh=SMALL)
+    first, second = render(seed, choice), render(seed, choice)
+    assert first.rgb.tobytes() == second.rgb.tobytes()
+    assert first.labels.tobytes() == second.labels.tobytes()
+    assert first.labels.max() < len(CLASSES)
+    assert first.depth_m.min() > 0
+    for rail in first.ego_rails:
+        assert (np.diff(rail[:, 1]) > -60).all()
+        assert (rail >= -0.5).all()
+        assert (rail <= np.array(SMALL) - 0.5).all()
+
+
+def test_different_seeds_differ() -> None:
+    assert render(1, CLEAR).rgb.tobytes() != render(2, CLEAR).rgb.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_true_rails_lie_on_rail_labels_where_nothing_hides_them(seed: int) -> None:
+    assert on_rails(render(seed, CLEAR)) > 0.85
+
+
+def test_rails_stay_true_through_a_distorting_lens() -> None:
+    camera = Camera.from_field_of_view(
+        SMALL, 1.2, 2.5, pitch_rad=0.05, distortion=(-0.15, 0.0, 0.0, 0.0, 0.0)
+    )
+    picture = render(21, replace(CLEAR, camera=camera))
+    assert len(picture.ego_rails[0]) > 50
+    assert on_rails(picture) > 0.85
+
+
+def level_world(seed: int = 3, fov: float = 0.9) -> tuple:
+    camera = Camera.from_field_of_view((640, 360), fov, 2.5, pitch_rad=0.05)
+    draft, alignment, camera = begin(
+        seed,
+        SceneSettings(
+            camera=camera, kind="line", occluders=False, weather=False, distractors=False
+        ),
+    )
+    draft.crossings.clear()
+    level = replace(
+        alignment, curvature_per_m=alignment.curvature_per_m * 0, gradient=alignment.gradient * 0
+    )
+    return draft, level, camera
+
+
+def test_depth_of_level_ground_is_the_camera_models() -> None:
+    draft, alignment, camera = level_world()
+    picture = view(finish(draft, 3, alignment, camera), np.random.default_rng(0))
+    rails = np.argwhere(np.isin(picture.labels, RAILS))[::37]
+    pixels = rails[:, ::-1].astype(float)
+    ground = camera.ground(pixels)
+    points = np.column_stack([ground, np.zeros(len(ground))])
+    seen = (points - [0, 0, camera.height_m]) @ camera.camera_from_world.T
+    near = seen[:, 2] < 150
+    depth = picture.depth_m[rails[:, 0], rails[:, 1]]
+    np.testing.assert_allclose(depth[near], seen[near, 2], rtol=0.01)
+
+
+@pytest.mark.parametrize("distance", [12.0, 30.0, 60.0])
+def test_a_person_stands_as_tall_as_the_camera_model_says(distance: float) -> None:
+    draft, alignment, camera = level_world()
+    thing = plant(draft, "trespasser", distance, np.random.default_rng(5))
+    picture = view(finish(draft, 3, alignment, camera), np.random.default_rng(0))
+    (seen,) = [o for o in picture.objects if o.id == thing.id]
+    assert seen.range_m == pytest.approx(distance)
+    place = np.array([distance, thing.lateral_m, -0.17])
+    foot, head = camera.project([place, place + [0, 0, thing.height_m]])
+    stride = camera.project([place - [0.4, 0, 0], place + [0.4, 0, 0]])[:, 1]
+    assert seen.box_xyxy[1] == pytest.approx(head[1], abs=0.03 * (foot[1] - head[1]) + 1)
+    assert stride[1] - 1 <= seen.box_xyxy[3] <= stride[0] + 1
+    rows, columns = np.nonzero(picture.labels == HUMAN)
+    assert np.median(picture.depth_m[rows, columns]) == pytest.approx(distance, rel=0.05)
+
+
+def test_distortion_bends_rails_and_labels_alike() -> None:
+    draft, alignment, camera = level_world()
+    plant(draft, "distortion", 15.0, np.random.default_rng(1), clear_of_m=0.29)
+    picture = view(finish(draft, 3, alignment, camera), np.random.default_rng(0))
+    assert [o.type for o in picture.objects] == ["distortion"]
+    assert on_rails(picture) > 0.95
+
+
+def test_stereo_disparity_is_focal_times_baseline_over_depth() -> None:
+    left, right = render_stereo(11, 0.4, CLEAR)
+    rows, columns = np.nonzero((left.depth_m > 6) & (left.depth_m < 25))
+    disparity = left.camera.focal_px * 0.4 / left.depth_m[rows, columns]
+    there = np.round(columns - disparity).astype(int)
+    inside = there >= 0
+    same = left.labels[rows, columns][inside] == right.labels[rows[inside], there[inside]]
+    assert same.mean() > 0.9
+    assert np.median(disparity) > 2
+
+
+def test_image_set_does_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
+    choice = SceneSettings(size_wh=(160, 96))
+    digests = []
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        names = [p.name for p in write_images(out, range(40, 46), choice, workers)]
+        assert names == [f"rs000{n}.jpg" for n in range(40, 46)]
+        files = sorted(p for p in out.rglob("*") if p.is_file())
+        digests.append(hashlib.sha256(b"".join(p.read_bytes() for p in files)).hexdigest())
+    assert digests[0] == digests[1]
+
+
+def test_image_set_continues_where_it_stopped(tmp_path: Path) -> None:
+    choice = SceneSettings(size_wh=(160, 96))
+    list(write_images(tmp_path, [1, 2], choice))
+    kept = (tmp_path / IMAGES / "rs00001.jpg").stat().st_mtime_ns
+    list(write_images(tmp_path, [1, 2, 3], choice))
+    assert (tmp_path / IMAGES / "rs00001.jpg").stat().st_mtime_ns == kept
+    mask = cv2.imread(str(tmp_path / MASKS / "rs00003.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(mask, render(3, choice).labels)
+
+
+def test_ride_is_continuous_and_tells_its_truth() -> None:
+    ride = Ride.plan(3, demo_settings(SMALL), duration_s=45, anomalies="demo", anomaly_count=7)
+    assert {p.type for p in ride.planted} == {"distortion", "obstruction", "trespasser"}
+    assert len(ride) == round(45 * 12.5)
+    index = int((ride.planted[0].chainage_m - 40) / 20 * 12.5)
+    first, second = ride.frame(index), ride.frame(index + 1)
+    range_before = {o.id: o.range_m for o in first.objects}
+    for thing in second.objects:
+        if thing.id in range_before:
+            assert range_before[thing.id] - thing.range_m == pytest.approx(20 / 12.5)
+    assert range_before
+    assert second.time_s - first.time_s == pytest.approx(1 / 12.5)
+    change = np.abs(first.rgb.astype(int) - second.rgb.astype(int)).mean()
+    far = np.abs(first.rgb.astype(int) - ride.frame(index + 200).rgb.astype(int)).mean()
+    assert 0 < change < far
+    assert ride.frame(index).rgb.tobytes() == first.rgb.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SceneSettings(size_wh=(10, 10)), "64…4096"),
+        (lambda: SceneSettings(min_radius_m=50), "200 m"),
+        (lambda: SceneSettings(camera=Camera.from_field_of_view((64, 64), 1, 2)), "resized"),
+        (lambda: Ride.plan(1, speed_mps=-1.0), "speed_mps is -1.0"),
+        (lambda: Ride.plan(1, duration_s=5.0, anomalies="demo"), "no room"),
+    ],
+)
+def test_bad_settings_are_refused_in_one_sentence(make, message: str) -> None:
+    with pytest.raises(BadInputError, match=message):
+        make()
+
+
+def test_frames_outside_the_ride_are_refused() -> None:
+    with pytest.raises(IndexError, match="12 frames"):
+        Ride.plan(1, CLEAR, duration_s=1.0, frame_rate=12).frame(12)
