@@ -1,0 +1,89 @@
+"""Message passing in four directions: FSCNN's folded form and SCNN's sequential one.
+
+A pass along one axis, its equation and its three equal forms are in :mod:`fscnn.models.passing`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from fscnn.models.passing import Axis, pass_export, pass_fast, pass_reference
+
+FORMS = {"reference": pass_reference, "fast": pass_fast, "export": pass_export}
+
+INITIAL_GAIN = 0.3
+"""Root-mean-square size of a message against the slice that sends it, at initialisation."""
+
+
+class _FourDirections(nn.Module):
+    """The four kernels, and which form of the passes runs them.
+
+    Initialisation: SCNN is known to diverge, because a gain g above one per step grows as g^L over
+    the L slices. For zero-mean weights of variance s² the mean square of a rectified message is
+    k·C·s²/2 that of its sender, so s = g·√(2/(k·C)) makes g the gain; with g = 0.3 the features at
+    the end of any number of steps stay within 1/(1 − g) ≈ 1.43 of those that entered.
+
+    Attributes:
+        vertical: Kernels of the down and up pass, shape (2, C, C, k).
+        horizontal: Kernels of the right and left pass, shape (2, C, C, k).
+        form: ``"fast"`` (training), ``"export"`` (no in-place writes) or ``"reference"``.
+    """
+
+    def __init__(self, channels: int, taps: int = 9) -> None:
+        """Args: ``channels`` C of the input; ``taps`` k of each kernel, odd."""
+        super().__init__()
+        if channels < 1 or taps < 1 or taps % 2 == 0:
+            raise ValueError(f"message passing needs channels >= 1 and odd taps, got {channels}, {taps}")
+        self.vertical = nn.Parameter(torch.empty(2, channels, channels, taps))
+        self.horizontal = nn.Parameter(torch.empty(2, channels, channels, taps))
+        self.form = "fast"
+        for kernel in (self.vertical, self.horizontal):
+            nn.init.normal_(kernel, std=INITIAL_GAIN * math.sqrt(2 / (taps * channels)))
+
+    def _pass(self, features: Tensor, axis: Axis) -> tuple[Tensor, Tensor]:
+        kernels = self.vertical if axis == "vertical" else self.horizontal
+        return FORMS[self.form](features, kernels, axis)
+
+
+class FoldedMessagePassing(_FourDirections):
+    """FSCNN: four passes that read the same input, concatenated (Wang et al. 2023, IV-C).
+
+    F' = [F^U, F^D, F^R, F^L]
+    """
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map features (N, C, H, W) to (N, 4C, H, W), in the order up, down, right, left."""
+        down, up = self._pass(features, "vertical")
+        right, left = self._pass(features, "horizontal")
+        return torch.cat([up, down, right, left], 1)
+
+
+class SequentialMessagePassing(_FourDirections):
+    """SCNN: down, up, right, left, each reading the last one's output (Pan et al. 2018).
+
+    The two directions of an axis cannot advance together here, so only the reference form exists;
+    each pass runs alone.
+    """
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map features (N, C, H, W) to (N, C, H, W)."""
+        for kernels, dim in ((self.vertical, 2), (self.horizontal, 3)):
+            for direction, kernel in enumerate(kernels):
+                features = _single_pass(features, kernel, dim, reverse=direction == 1)
+        return features
+
+
+def _single_pass(features: Tensor, kernel: Tensor, dim: int, reverse: bool) -> Tensor:
+    """One pass of SCNN, as plain as its published loops."""
+    slices = list(features.unbind(dim))
+    if reverse:
+        slices.reverse()
+    for i in range(1, len(slices)):
+        message = nn.functional.conv1d(slices[i - 1], kernel, padding=kernel.shape[2] // 2)
+        slices[i] = slices[i] + message.relu()
+    if reverse:
+        slices.reverse()
+    return torch.stack(slices, dim)
