@@ -7,12 +7,16 @@ The rules, in the order they apply:
    the present (its range by the ego speed or by its own closing speed; its box grown about the
    vanishing point accordingly). Without ranges, the boxes themselves have to overlap. Strongly
    overlapping boxes are enough in any case.
-2. **One place, one event.** Findings of one frame are one event if their boxes touch and their
-   ranges agree (within ``same_place_m`` or their noise), whatever their types: an obstacle hides
-   the rails behind it and so also reads as a distortion. They are one event regardless of their
-   ranges if one is a fragment of the other: at least half inside its box, or of the same type,
-   touching, and mostly beside it. (The range of a person's arm is that of the ground far behind
-   it.) Findings that do not touch are separate events.
+2. **One place, one event.** Two findings of one frame are one event if
+   (a) they have the same type and the same range, within ``same_place_m`` or their noise: two
+   people side by side, or a heap of stones, are one place to brake for;
+   (b) their types differ, their ranges agree likewise and their boxes touch: an obstacle hides
+   the rails behind it and so also reads as a distortion;
+   (c) one is a fragment of the other, whatever their ranges: at least half inside its box, or of
+   the same type, touching it and mostly beside it. (The range of a person's arm is that of the
+   ground far behind it.)
+   All other findings are separate events: different types that do not touch, and the same type
+   at different ranges.
 3. **Type.** The type with the most summed confidence. A distortion's confidence counts half, as
    an obstruction explains a distorted rail and not the other way round.
 4. **Confirmation.** A candidate becomes an event once it was seen in ``confirm_hits`` of the last
@@ -82,6 +86,7 @@ class Sighting:
         range_m: Distance along the track, metres; None beyond the reliable range.
         range_std_m: Standard deviation of the range, metres; None without a range.
         range_interval_m: 95 % interval of the range, metres; None without a range.
+        whole: False where the edge of the picture cuts it; such a picture is a worse thumbnail.
     """
 
     type: str
@@ -90,6 +95,7 @@ class Sighting:
     range_m: float | None = None
     range_std_m: float | None = None
     range_interval_m: tuple[float, float] | None = None
+    whole: bool = True
 
 
 @dataclass(frozen=True)
@@ -365,32 +371,33 @@ class EventTracker:
     ) -> float | None:
         """Dissimilarity of a candidate and a sighting, 0 (same) upwards; None if not the same."""
         overlap = iou(box, sighting.box_xyxy)
-        other_type = 0.0 if sighting.type in candidate.votes else 0.3
+        # Between equals an event goes before a candidate, and the same type before another.
+        bias = (0.0 if sighting.type in candidate.votes else 0.3) + 0.3 * (candidate.id is None)
         if overlap >= 0.4:
-            return 1 - overlap + other_type
+            return 1 - overlap + bias
         if predicted is None or sighting.range_m is None:
             similar = 0.4 < _height(box) / max(_height(sighting.box_xyxy), 1.0) < 2.5
             touching = overlap > 0.05 or (overlap > 0 and min(_area(box), 1) > 0)
-            return 1.5 - overlap + other_type if similar and touching else None
+            return 1.5 - overlap + bias if similar and touching else None
         noise_m = math.hypot(predicted[1], sighting.range_std_m or 0.0)
         gate_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
         gate_m = max(min(gate_m, 0.5 * max(predicted[0], sighting.range_m)), 2.0)
         apart_m = abs(predicted[0] - sighting.range_m)
         if apart_m > gate_m or not columns_touch(box, sighting.box_xyxy, slack=0.5):
             return None
-        return apart_m / gate_m + (1 - overlap) / 2 + other_type
+        return apart_m / gate_m + (1 - overlap) / 2 + bias
 
     def _one_place(self, first: Sighting, second: Sighting) -> bool:
         """Rule 2 for two findings of one frame."""
-        if not boxes_touch(first.box_xyxy, second.box_xyxy):
-            return False
-        if _is_fragment(first, second):
+        touching = boxes_touch(first.box_xyxy, second.box_xyxy)
+        if touching and _is_fragment(first, second):
             return True
         if first.range_m is None or second.range_m is None:
-            return True
+            return touching
         noise_m = math.hypot(first.range_std_m or 0.0, second.range_std_m or 0.0)
         near_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
-        return abs(first.range_m - second.range_m) <= near_m
+        same_range = abs(first.range_m - second.range_m) <= near_m
+        return same_range and (touching or first.type == second.type)
 
     def _see(
         self, candidate: _Candidate, frame_index: int, time_s: float, sighting: Sighting
@@ -408,6 +415,7 @@ class EventTracker:
             candidate.confidence_sum += sighting.confidence
             candidate.box_xyxy = sighting.box_xyxy
         quality = sighting.confidence * math.sqrt(_area(candidate.box_xyxy) + 1)
+        quality *= 1.0 if sighting.whole else 0.5
         if quality > 1.2 * candidate.best_quality:  # in steps, so few pictures are cut out
             candidate.best_quality, candidate.best_frame = quality, frame_index
             candidate.best_box_xyxy = candidate.box_xyxy

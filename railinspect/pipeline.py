@@ -126,7 +126,8 @@ class Inspector:
         # What is seen is reported even where the track is not followed; only "clear" needs that.
         findings = self._steps.find(segmentation, track, self._thresholds)
         ranges = [self._steps.range_of(found, track, track.camera) for found in findings]
-        sightings = tuple(_sighting(f, r) for f, r in zip(findings, ranges, strict=True))
+        size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
+        sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
         update = self._events.update(
             frame.index,
@@ -249,7 +250,9 @@ def _severity(advice: Advice) -> tuple[int, float]:
     return ACTIONS.index(advice.action), -margin_m
 
 
-def _sighting(finding: Finding, distance: Range | None) -> Sighting:
+def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]) -> Sighting:
+    left, top, right, bottom = finding.box_xyxy
+    whole = left > 2 and top > 2 and right < size_wh[0] - 3 and bottom < size_wh[1] - 3
     return Sighting(
         type=finding.type,
         confidence=finding.confidence,
@@ -257,6 +260,7 @@ def _sighting(finding: Finding, distance: Range | None) -> Sighting:
         range_m=distance.range_m if distance else None,
         range_std_m=distance.std_m if distance else None,
         range_interval_m=distance.interval_m if distance else None,
+        whole=whole,
     )
 
 

@@ -149,8 +149,9 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
     if record.advice is not None and record.advice.action != "none":
         advice = record.advice
         words = f"{advice.action.upper()}"
-        if advice.available_m is not None and np.isfinite(advice.required_m):
-            words += f" needs {advice.required_m:.0f} m, has {advice.available_m:.0f} m"
+        needed_m = advice.emergency_at_m if advice.action == "emergency" else advice.required_m
+        if advice.available_m is not None and np.isfinite(needed_m):
+            words += f" stop needs {needed_m:.0f} m, has {advice.available_m:.0f} m"
         write(words, ACTION_RGB[advice.action])
     elif record.status == "unknown" and record.reason:
         write(ascii_only(record.reason), _INK)
