@@ -62,6 +62,7 @@ class Worker(Generic[T]):
         self._function = function
         self._items: queue.Queue[tuple[T] | None] = queue.Queue(depth)
         self._error: BaseException | None = None
+        self._failed = False
         self._thread = threading.Thread(target=self._run, name="railinspect-worker", daemon=True)
         self._thread.start()
 
@@ -79,12 +80,12 @@ class Worker(Generic[T]):
 
     def _run(self) -> None:
         while (boxed := self._items.get()) is not None:
-            if self._error is not None:
+            if self._failed:
                 continue  # drain, so that put never blocks for ever
             try:
                 self._function(boxed[0])
             except BaseException as error:  # re-raised in the owner's thread
-                self._error = error
+                self._error, self._failed = error, True
 
     def _raise(self) -> None:
         if self._error is not None:

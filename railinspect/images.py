@@ -149,8 +149,8 @@ def _webp_size_wh(data: bytes) -> tuple[int, int] | None:
 
 def _decode(data: bytes, path: Path) -> npt.NDArray[np.generic]:
     """Decode to (H, W, 3 or 4) BGR(A), 8 or 16 bits; damaged files raise."""
-    level = cv2.getLogLevel()
-    cv2.setLogLevel(0)  # the one sentence below says it; OpenCV's own lines would be noise
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the one sentence below says it; OpenCV's own lines would be noise
     try:
         buffer = np.frombuffer(data, np.uint8)
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
@@ -160,7 +160,7 @@ def _decode(data: bytes, path: Path) -> npt.NDArray[np.generic]:
     except cv2.error:
         decoded = None
     finally:
-        cv2.setLogLevel(level)
+        cv2.utils.logging.setLogLevel(level)
     if decoded is None:
         raise BadInputError(f"image {path} is damaged and cannot be decoded; copy the file again")
     if decoded.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):

@@ -284,7 +284,8 @@ class _VideoSource(Source):
 def _why_not_video(path: Path) -> str:
     """One sentence on why the demuxers refuse a file, from its first bytes."""
     try:
-        head = path.open("rb").read(4096)
+        with path.open("rb") as file:
+            head = file.read(4096)
     except OSError as error:
         return f"cannot read {path}: {error.strerror}"
     if head[4:8] == b"ftyp":
