@@ -32,7 +32,9 @@ def test_import_contracts_hold() -> None:
 
 
 def loaded_after(statement: str) -> set[str]:
-    code = f"{statement}\nimport sys\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    code = (
+        f"{statement}\nimport sys\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    )
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
@@ -43,7 +45,9 @@ TRAINING_STACK = {"torch", "torchvision", "lightning", "albumentations", "onnx",
 
 
 def test_runtime_never_loads_the_training_stack() -> None:
-    modules = "railinspect, railinspect.cli, railinspect.scenes, railops, railops.braking, railops.cli"
+    modules = (
+        "railinspect, railinspect.cli, railinspect.scenes, railops, railops.braking, railops.cli"
+    )
     assert not TRAINING_STACK & loaded_after(f"import {modules}")
 
 
