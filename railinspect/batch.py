@@ -15,13 +15,13 @@ import cv2
 from railinspect.camera import Camera
 from railinspect.errors import OutputError
 from railinspect.events import Event, EventSettings
-from railinspect.findings import Thresholds
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, frames_of
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
+from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
 from railops.braking import Policy, Train
 

@@ -15,11 +15,13 @@ import numpy.typing as npt
 
 from railinspect._threads import prefetch
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
-from railinspect.findings import Finding, Thresholds, find
+from railinspect.findings import Finding, find
 from railinspect.ranging import Range, range_of
 from railinspect.records import FrameRecord, LocatedFinding, Status
-from railinspect.segmenter import Segmentation, Segmenter
+from railinspect.segmenter import Segmenter
+from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
+from railinspect.track.geometry import SegmentationLike
 from railinspect.video import Frame, Source, open_source
 from railops.braking import Advice, Policy, RangeMeasurement, Train, decide
 from railops.errors import CannotStopError
@@ -36,7 +38,8 @@ DECISION_S: Final = 1.0
 THUMBNAIL_WH: Final = (240, 160)
 """Largest size of an event's picture, pixels."""
 
-SegmentFunction = Callable[[npt.NDArray[np.uint8]], "Segmentation"]
+SegmentFunction = Callable[[npt.NDArray[np.uint8]], SegmentationLike]
+"""From an RGB image, uint8 (H, W, 3), to its segmentation; a ``Segmenter`` is one."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Steps:
     """The steps of the loop that other rooms provide, so that a test can replace one."""
 
     follower: Callable[[Camera | None], TrackFollower] = TrackFollower
-    find: Callable[[Segmentation, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
+    find: Callable[[SegmentationLike, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
     range_of: Callable[[Finding, TrackGeometry, Camera], Range | None] = range_of
     decide: Callable[..., Advice] = decide
 

@@ -259,10 +259,7 @@ def _how(run: Json) -> str:
         )
         if one["overlay"]:
             rows.append(("Overlay", one["overlay"]))
-    model = run["model"] or {}
-    told = [f"{key} {model[key]}" for key in ("name", "package_version", "input_size_wh")
-            if model.get(key)]
-    rows.append(("Model", "; ".join(told) or "not stated by the segmenter"))
+    rows.append(("Model", _model(run["model"])))
     rows.append(("Camera", _camera(run["camera"])))
     settings = run["settings"]
     if settings["speed_mps"] is None:
@@ -279,6 +276,16 @@ def _how(run: Json) -> str:
     rows.append(("Versions", versions))
     inner = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
     return f'<section id="how"><h2>How it was inspected</h2><dl>{inner}</dl></section>'
+
+
+def _model(model: Json | None) -> str:
+    if model is None:
+        return "not a bundle"
+    width, height = model["input_size_wh"] or (0, 0)
+    return (
+        f"{model['network']}, {width}×{height} pixels, written by version "
+        f"{model['package_version']}, training data {str(model['training_fingerprint'])[:12]}"
+    )
 
 
 def _camera(camera: Json | None) -> str:

@@ -40,6 +40,7 @@ _ROI: Final = (60, 150, 235)
 _INK: Final = (245, 247, 250)
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _SUBPIXEL_BITS: Final = 3
+_PLAIN: Final = str.maketrans({"–": "-", "−": "-", "±": "+-", "≥": ">=", "≤": "<=", "…": "..."})
 
 
 def draw_overlay(rgb: Image, record: FrameRecord) -> Image:
@@ -92,7 +93,7 @@ def _draw_finding(
         _lines(picture, polygon, colour, thin, closed=True)
     x0, y0, x1, y1 = (round(value) for value in found.finding.box_xyxy)
     cv2.rectangle(picture, (x0, y0), (x1, y1), colour, thin + 1 if confirmed else thin)
-    words = found.finding.type
+    words: str = found.finding.type
     if found.event_id is not None:
         words = f"#{found.event_id} {words}"
     if found.range is not None:
@@ -161,8 +162,7 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
 
 def ascii_only(words: str) -> str:
     """The text with what OpenCV's fonts lack replaced: dashes, ± and ≥ by ASCII, rest by "?"."""
-    for sign, plain in (("–", "-"), ("−", "-"), ("±", "+-"), ("≥", ">="), ("≤", "<="), ("…", "...")):
-        words = words.replace(sign, plain)
+    words = words.translate(_PLAIN)
     return words.encode("ascii", "replace").decode()
 
 
