@@ -128,7 +128,7 @@ class Inspector:
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
         findings = self._steps.find(segmentation, track, self._thresholds)
-        ranges = [self._steps.range_of(found, track, track.camera) for found in findings]
+        ranges = [_sound(self._steps.range_of(f, track, track.camera)) for f in findings]
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
         sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
@@ -251,6 +251,14 @@ def cut_out(rgb: npt.NDArray[np.uint8], box_xyxy: tuple[float, float, float, flo
 def _severity(advice: Advice) -> tuple[int, float]:
     margin_m = advice.margin_m if advice.margin_m is not None else math.inf
     return ACTIONS.index(advice.action), -margin_m
+
+
+def _sound(distance: Range | None) -> Range | None:
+    """The range, unless one of its numbers is none: no answer must not look like an answer."""
+    if distance is None:
+        return None
+    numbers = (distance.range_m, distance.std_m, *distance.interval_m)
+    return distance if all(math.isfinite(n) and n >= 0 for n in numbers) else None
 
 
 def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]) -> Sighting:

@@ -73,9 +73,13 @@ def installed_version(distribution: str) -> str | None:
 
 
 def jsonable(value: object) -> Any:
-    """Dataclasses, mappings, sequences, arrays and paths as JSON values; NaN and inf as null."""
+    """Dataclasses, mappings, sequences, arrays and paths as JSON values; NaN and inf as null.
+
+    Private fields of dataclasses are caches and are left out.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        names = [f.name for f in dataclasses.fields(value) if not f.name.startswith("_")]
+        return {name: jsonable(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):
