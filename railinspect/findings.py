@@ -8,7 +8,7 @@ still have findings; without any it is unknown, not clear (``TrackGeometry.follo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -205,7 +205,41 @@ def _feet(
         )
         if finding is not None:
             found.append(finding)
-    return found
+    return _one_thing(track, found)
+
+
+def _one_thing(track: TrackGeometry, found: list[Finding]) -> list[Finding]:
+    """Join feet of one region that stand side by side: two legs, a stone with a hollow below."""
+    path = track.path
+    assert path is not None
+    joined: list[Finding] = []
+    for finding in sorted(found, key=lambda f: f.box_xyxy[0]):
+        if joined:
+            last = joined[-1]
+            row = max(last.box_xyxy[3], finding.box_xyxy[3])
+            metre = float(np.interp(row, path.uv[::-1, 1], path.metre_px[::-1]))
+            apart = finding.box_xyxy[0] - last.box_xyxy[2]
+            lift = abs(last.box_xyxy[3] - finding.box_xyxy[3])
+            if apart < 1.5 * metre and lift < 0.4 * metre:
+                joined[-1] = _union(last, finding)
+                continue
+        joined.append(finding)
+    return joined
+
+
+def _union(one: Finding, two: Finding) -> Finding:
+    """Two findings as one, named after the surer of them."""
+    points = np.concatenate([one.polygon_uv, two.polygon_uv]).astype(np.float32)
+    hull = cv2.convexHull(points.reshape(-1, 1, 2)).reshape(-1, 2).astype(float)
+    surer = one if one.confidence >= two.confidence else two
+    nearer = one if one.foot_uv[1] >= two.foot_uv[1] else two
+    low, high = hull.min(axis=0), hull.max(axis=0)
+    return replace(
+        surer,
+        polygon_uv=hull,
+        box_xyxy=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+        foot_uv=nearer.foot_uv,
+    )
 
 
 def _hangs(

@@ -18,13 +18,30 @@ INITIAL_GAIN = 0.3
 """Root-mean-square size of a message against the slice that sends it, at initialisation."""
 
 
+def bounded(kernels: Tensor) -> Tensor:
+    """Kernels whose rows' absolute sums are at most one, so that no pass can diverge.
+
+    A row is all weights that lead to one output channel, Σ|K[o, ·, ·]|. With every row at most one,
+    a message is nowhere larger than the largest feature it was made of, so features grow at most by
+    max |F| per slice: linearly, where free kernels grow as gain^L. Batch norm hides that explosion
+    while training, as it divides by the batch's own spread, and evaluation then fails on it.
+
+    Args:
+        kernels: Shape (2, C, C, k): direction, output channel, input channel, tap.
+
+    Returns:
+        The kernels with every row that exceeds one scaled back to it; same shape.
+    """
+    return kernels / kernels.abs().sum((2, 3), keepdim=True).clamp(min=1.0)
+
+
 class _FourDirections(nn.Module):
     """The four kernels, and which form of the passes runs them.
 
-    Initialisation: SCNN is known to diverge, because a gain g above one per step grows as g^L over
-    the L slices. For zero-mean weights of variance s² the mean square of a rectified message is
-    k·C·s²/2 that of its sender, so s = g·√(2/(k·C)) makes g the gain; with g = 0.3 the features at
-    the end of any number of steps stay within 1/(1 − g) ≈ 1.43 of those that entered.
+    SCNN is known to diverge, because a gain g above one per step grows as g^L over the L slices.
+    The kernels are therefore used :func:`bounded`. At initialisation they are small besides: for
+    zero-mean weights of variance s² the mean square of a rectified message is k·C·s²/2 that of its
+    sender, so s = g·√(2/(k·C)) makes g the gain.
 
     Attributes:
         vertical: Kernels of the down and up pass, shape (2, C, C, k).
@@ -44,7 +61,7 @@ class _FourDirections(nn.Module):
             nn.init.normal_(kernel, std=INITIAL_GAIN * math.sqrt(2 / (taps * channels)))
 
     def _pass(self, features: Tensor, axis: Axis) -> tuple[Tensor, Tensor]:
-        kernels = self.vertical if axis == "vertical" else self.horizontal
+        kernels = bounded(self.vertical if axis == "vertical" else self.horizontal)
         return FORMS[self.form](features, kernels, axis)
 
 
@@ -71,7 +88,7 @@ class SequentialMessagePassing(_FourDirections):
     def forward(self, features: Tensor) -> Tensor:
         """Map features (N, C, H, W) to (N, C, H, W)."""
         for kernels, dim in ((self.vertical, 2), (self.horizontal, 3)):
-            for direction, kernel in enumerate(kernels):
+            for direction, kernel in enumerate(bounded(kernels)):
                 features = _single_pass(features, kernel, dim, reverse=direction == 1)
         return features
 

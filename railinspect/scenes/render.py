@@ -293,12 +293,12 @@ def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
     return np.asarray(grid, np.float32), shrink
 
 
-_empty = np.zeros(0, np.float32)  # an unused second map
+_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be absent
 
 
 def _bent(plane: Any, grid: npt.NDArray[np.float32], how: int) -> Any:
     """A plane of the undistorted picture as the lens shows it."""
-    return cv2.remap(plane, grid, _empty, how, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(plane, grid, _NO_SECOND_MAP, how, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _matrix(camera: Camera) -> Array:

@@ -29,6 +29,7 @@ class Centres:
         peak: Rail probability at the centre, 0..1; −1 outside the image. Shape (M, 2).
         width_px: Width of the run at half its height, pixels, shape (M, 2).
         other: Height of a second run beside it, relative to the first, 0..1, shape (M, 2).
+        between: Mean rail probability at three places between the rails, 0..1, shape (M,).
         metre_px: Pixels per metre across the track, shape (M,).
         uv: Pixel of each rail's centre (of its place on the path where unseen), (M, 2, 2).
     """
@@ -38,6 +39,7 @@ class Centres:
     peak: Array
     width_px: Array
     other: Array
+    between: Array
     metre_px: Array
     uv: Array
 
@@ -46,9 +48,9 @@ class Centres:
 def _measure(
     score: npt.NDArray[np.uint8], cam: Array, path: Array, step: float, least_px: float,
     reach_m: float, low: float, offset: Array, peak: Array, width: Array, other: Array,
-    metre_px: Array, uv: Array,
+    between: Array, metre_px: Array, uv: Array,
 ) -> None:
-    profile = np.zeros(_PROFILE)
+    raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
     for i in range(path.shape[0]):
         x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
         nx, ny = -math.sin(psi), math.cos(psi)
@@ -57,8 +59,12 @@ def _measure(
         spacing = math.hypot(ul - ur, vl - vr)
         metre = spacing / (2.0 * half)
         metre_px[i] = metre
+        between[i] = 0.0
+        for k in range(3):
+            t = 0.25 + 0.25 * k
+            ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
+            between[i] += max(0.0, ground) / (3.0 * 255.0)
         for rail in range(2):
-            side = 1.0 if rail == 0 else -1.0
             u, v = (ul, vl) if rail == 0 else (ur, vr)
             du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
@@ -72,7 +78,9 @@ def _measure(
             size = 2 * count + 1
             for k in range(size):
                 d = (k - count) * step
-                profile[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
+                raw[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
+            for k in range(size):
+                profile[k] = (raw[max(0, k - 1)] + 2 * raw[k] + raw[min(size - 1, k + 1)]) / 4
             best, at = -1.0, count
             for k in range(size):
                 e = (k - count) / count
@@ -98,15 +106,13 @@ def _measure(
             shift = moment / total * step
             beside = 0.0
             for k in range(size):
-                if (k < first - 1 or k > last + 1) and profile[k] > beside:
+                if (k < first - 3 or k > last + 3) and profile[k] > beside:
                     beside = profile[k]
             offset[i, rail] = shift / metre
             peak[i, rail] = high
             width[i, rail] = (last - first + 1) * step
             other[i, rail] = beside / high
             uv[i, rail, 0], uv[i, rail, 1] = u + shift * du, v + shift * dv
-            if side == 0.0:
-                break
 
 
 def measure_centres(
@@ -137,9 +143,9 @@ def measure_centres(
     path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
     m = len(path)
     offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
-    metre, uv = np.zeros(m), np.zeros((m, 2, 2))
+    between, metre, uv = np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
     _measure(
         score, level.vector(), path, 0.5 * scale, 3.0 * scale, settings.fine_reach_m, settings.low,
-        offset, peak, width, other, metre, uv,
+        offset, peak, width, other, between, metre, uv,
     )
-    return Centres(path, offset, peak, width, other, metre, uv)
+    return Centres(path, offset, peak, width, other, between, metre, uv)

@@ -48,6 +48,7 @@ class Description:
         reach_m: Chainage of the last sight.
         rows: Share of the rows between bottom and horizon the track spans.
         cover: Share of those rows in which each rail was seen, the poorer rail's.
+        contrast: Mean rail probability on the rails less that between them.
     """
 
     camera: Camera
@@ -59,6 +60,7 @@ class Description:
     reach_m: float
     rows: float
     cover: float
+    contrast: float
 
 
 def describe(
@@ -80,7 +82,7 @@ def describe(
     seen = centres.peak >= settings.low
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
-    doubtful = _doubtful(centres, scale)
+    doubtful = _doubtful(centres, seen, scale)
     smooth, residual = _smooth(level, centres, seen, doubtful, scale)
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
@@ -105,18 +107,39 @@ def describe(
     )
     gaps = _gaps(path, seen, inside, centres, growth, scale)
     reach = float(path.chainage_m[:m][seen.any(axis=1)].max())
-    return Description(camera, path, profile, left, right, gaps, reach, rows, cover)
+    return Description(
+        camera, path, profile, left, right, gaps, reach, rows, cover,
+        _contrast(growth, centres),
+    )
 
 
-def _doubtful(centres: Centres, scale: float) -> Bools:
-    """Samples beside which something else looks like a rail, and their neighbours."""
-    expected = np.maximum(2.5 * scale, 0.11 * centres.metre_px)[:, None]
+def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
+    """Samples beside which something else looks like a rail, and their neighbours.
+
+    A rail that runs aslant through the image, as in a curve or a ripple, is wide along the row:
+    only what is wider than its own slant explains is doubtful.
+    """
+    uv = np.where(seen[:, :, None], centres.uv, np.nan)
+    drop = np.full((len(uv), 2, 2), np.nan)
+    drop[2:-2] = uv[4:] - uv[:-4]
+    drop = np.where(np.isfinite(drop), drop, np.array([0.0, 1.0]))
+    slant = np.hypot(drop[:, :, 0], drop[:, :, 1]) / (np.abs(drop[:, :, 1]) + 0.1)
+    expected = np.maximum(2.5 * scale, 0.11 * centres.metre_px)[:, None] * np.minimum(slant, 12.0)
     bad = (centres.other > 0.45) | (centres.width_px > 2.0 * expected + 1.5 * scale)
     wide = bad.copy()
     for step in (1, 2):
         wide[step:] |= bad[:-step]
         wide[:-step] |= bad[step:]
     return wide
+
+
+def _contrast(growth: Growth, centres: Centres) -> float:
+    """Mean probability of the windows' rails, less that of the ground between them.
+
+    Window means and not single rows' peaks: in pure noise every row has a peak somewhere.
+    """
+    rails = growth.nodes[: growth.last, [growing.LEFT, growing.RIGHT]]
+    return float(rails[rails > 0].mean() - centres.between.mean())
 
 
 def _smooth(
@@ -128,9 +151,7 @@ def _smooth(
     across = side[None, :] * half[:, None] + centres.offset_m
     rail_x = x[:, None] - np.sin(heading)[:, None] * across
     rail_y = y[:, None] + np.cos(heading)[:, None] * across
-    # 1 px of blob noise; neighbours share blobs, hence the factor on the weight.
-    sigma = np.hypot(1.0 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
-    sigma = sigma * 2.0
+    sigma = np.hypot(0.7 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
     sides = np.broadcast_to(side, rail_x.shape)
     start = float(np.median(half[: max(4, len(half) // 3)]))
     smooth = fit_smooth(rail_x[seen], rail_y[seen], sides[seen], sigma[seen], start)

@@ -30,6 +30,9 @@ from railinspect.track.vanishing import smoothed, vanishing_point
 
 Array = npt.NDArray[np.float64]
 
+_LEAST_PX = 16
+"""Images narrower or lower than this cannot show a track."""
+
 
 @dataclass(frozen=True)
 class FollowerState:
@@ -109,6 +112,11 @@ class TrackFollower:
         state = self._fresh_state((width, height), frame)
         camera = self._camera((width, height))
         calibrated = self._given is not None
+        if min(width, height) < _LEAST_PX:
+            self._state = self._after_loss(state)
+            return nothing_followed(
+                camera, f"the image is smaller than {_LEAST_PX} pixels", calibrated
+            )
         if state.horizon is None:
             state = replace(state, horizon=prior_horizon(camera, calibrated))
         assert state.horizon is not None
@@ -211,7 +219,7 @@ class TrackFollower:
         level = Level(camera, horizon.row_px)
         bottom = level.bottom_px
         s_first = bottom - horizon.row_px
-        if s_first < 12 or min(width, height) < 16:
+        if s_first < 12:
             return [], []
         stride = max(1, height // 360)
         top = bottom - settings.band * s_first
@@ -225,7 +233,11 @@ class TrackFollower:
         rows = max(1, int(settings.band * s_first / stride))
         lines = find_lines(points, bottom, top, width / 2, rows, 2.5 * scale)
         prior = self._prior(camera, horizon, state, s_first)
-        pairs = pairs_of(lines, bottom, prior)
+        pairs = [
+            pair
+            for pair in pairs_of(lines, bottom, prior, limit=6)
+            if not _crosses(score, level, pair, bottom, settings.low)
+        ][:3]
         if state.pair is not None:
             # Beginning points move by at most Δ_b; where none is found that near, the last stay.
             reach = settings.begin_px * scale
@@ -364,10 +376,13 @@ class TrackFollower:
             found.rows >= settings.followed_rows
             and found.cover >= settings.followed_cover
             and found.reach_m >= settings.followed_reach_m
+            and found.contrast >= settings.followed_contrast
         )
         reason = f"{STOPS[best.growth.stop]} at {found.reach_m:.0f} m"
         if not followed and found.cover < settings.followed_cover:
             reason = f"a rail is seen in only {found.cover:.0%} of the rows; {reason}"
+        elif not followed and found.contrast < settings.followed_contrast:
+            reason = "the rails do not stand out from the ground between them"
         nodes = best.growth.nodes
         curvature = float(nodes[min(6, best.growth.last - 1), growing.KAPPA])
         new = replace(
@@ -406,6 +421,23 @@ class TrackFollower:
         if count <= self._settings.lost_frames:
             return replace(state, lost=count)
         return FollowerState(size_wh=state.size_wh, index=state.index)
+
+
+def _crosses(
+    score: npt.NDArray[np.uint8], level: Level, pair: Pair, bottom: float, low: float
+) -> bool:
+    """Whether both lines go on as rails above the point where they meet: no vanishing point."""
+    x, y = pair.vanishing_px
+    above = np.linspace(0.1, 0.45, 24) * (bottom - y)
+    for line in (pair.left, pair.right):
+        uv = level.to_pixels(np.stack([x - line.slope * above, y - above], axis=1))
+        c, r = np.round(uv).astype(int).T
+        inside = (c >= 0) & (c < score.shape[1]) & (r >= 0) & (r < score.shape[0])
+        if np.count_nonzero(inside) < 8:
+            return False
+        if np.mean(score[r[inside], c[inside]] >= 255 * low) < 0.6:
+            return False
+    return True
 
 
 def _check(segmentation: SegmentationLike) -> None:

@@ -24,7 +24,7 @@ class FollowerSettings:
         begin_px: Δ_b of the paper: how far a beginning point may move from frame to frame.
         lost_frames: After so many frames without a followed track it is searched anew.
         psi: ψ of (42), 1/px².
-        shrink: Each growing window ends at this share of its own height above the ... horizon.
+        shrink: Each growing window ends at this share of its own distance from the horizon, pixels.
         step_px: Lateral sampling step of the growing windows.
         search_px: Least half-width of the lateral search.
         curvature_walk: Random walk of the curvature along the track, 1/m per √m.
@@ -36,7 +36,9 @@ class FollowerSettings:
         followed_rows: A followed track spans at least this share of the rows between the
             bottom of the image and the horizon,
         followed_cover: has each rail seen in at least this share of those rows,
-        followed_reach_m: and reaches at least this far.
+        followed_reach_m: reaches at least this far,
+        followed_contrast: and has rails whose probability exceeds that of the ground between
+            them by at least this.
         fine_reach_m: Half-width of the search for each rail's centre around the grown path.
     """
 
@@ -61,4 +63,5 @@ class FollowerSettings:
     followed_rows: float = 0.70
     followed_cover: float = 0.60
     followed_reach_m: float = 15.0
+    followed_contrast: float = 0.25
     fine_reach_m: float = 0.35

@@ -2,8 +2,8 @@
 
 A track's curvature changes slowly: straight, transition, arc. The model is a centre line whose
 second derivative is piecewise linear with a prior on its rate of change (a clothoid piece by
-piece), plus half the spacing, constant but for a slow trend, which takes up gradients and errors of the
-horizon. Both rails are fitted at once by robust weighted least squares; what is left over is the
+piece), plus half the spacing, constant but for a slow trend, which takes up gradients and
+errors of the horizon. Both rails are fitted at once by robust weighted least squares; what is left over is the
 rails' own shape: ripple, bulge, kink.
 """
 
@@ -127,11 +127,12 @@ def fit_smooth(
     curvature: float = 1 / 150,
     rate: float = 1.2e-4,
     trend: float = 0.25,
+    correlated: float = 8.0,
 ) -> SmoothTrack:
     """Fit both rails jointly.
 
-    Minimises Σ ρ(rᵢ/σᵢ) + Σ (Δy''/Δx)²·Δx/(L·rate²) + Σ (y''/curvature)²/K + trend of the half spacing, with ρ the
-    Cauchy weight by iteration.
+    Minimises Σ ρ(rᵢ/σᵢ)/correlated + Σ (Δy''/Δx)²·Δx/(10 m·rate²) + Σ (y''/curvature)² and a
+    trend of the half spacing, with ρ Cauchy's by iterated weights.
 
     Args:
         x_m: Ground distance of each rail centre, metres, shape (N,).
@@ -142,6 +143,7 @@ def fit_smooth(
         curvature: Standard deviation of y'', 1/m.
         rate: Standard deviation of the change of y'' per metre over 10 m, 1/m²; the sharpest
             transitions of a 200 m curve reach it, a ripple exceeds it many times.
+        correlated: Neighbouring rows see the same blobs: so many count as one against the priors.
         trend: Standard deviation of the half spacing's relative change from knot to knot.
     """
     near, far = float(x_m.min()), float(x_m.max())
@@ -180,7 +182,7 @@ def fit_smooth(
     prior = np.array(prior_rows)
     prior_gram = prior.T @ prior
     prior_pull = prior.T @ np.array(prior_target)
-    weight = 1.0 / sigma_m**2
+    weight = 1.0 / (sigma_m**2 * correlated)
     robust = np.ones_like(x_m)
     solution = np.zeros(total)
     for turn in range(5):
@@ -192,5 +194,5 @@ def fit_smooth(
         lean = np.sqrt(1.0 + slope**2)
         if turn:
             residual = (y_m - design @ solution) / sigma_m
-            robust = 1.0 / (1.0 + (residual / 2.5) ** 2)
+            robust = 1.0 / (1.0 + (residual / 2.0) ** 2)
     return SmoothTrack(knots, solution[:n_c], half_knots, solution[n_c:])

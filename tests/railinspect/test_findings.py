@@ -1,0 +1,275 @@
+"""Findings on tracks and things whose truth is known in metres."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from railinspect import labels as L
+from railinspect.camera import Camera
+from railinspect.findings import Finding, find
+from railinspect.labels import GAUGES_M
+from railinspect.thresholds import Thresholds
+from railinspect.track import TrackFollower, TrackGeometry
+from tests.railinspect.synthetic_tracks import Masks, Thing, camera, draw
+
+slow = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+
+
+def judge(
+    masks: Masks, cam: Camera | None, thresholds: Thresholds | None = None
+) -> tuple[TrackGeometry, tuple[Finding, ...]]:
+    follower = TrackFollower(cam)
+    follower.update(masks)
+    geometry = follower.update(masks)
+    return geometry, find(masks, geometry, thresholds)
+
+
+@cache
+def clear(curvature: float) -> Masks:
+    return draw(camera(), curvature)
+
+
+def wave(at: float, length: float, amplitude: float, period: float = 0.0):  # noqa: ANN201
+    """A bulge (period 0) or a ripple."""
+
+    def bend(s: np.ndarray) -> np.ndarray:
+        t = (s - at) / length
+        inside = (t > 0) & (t < 1)
+        if period == 0:
+            return np.where(inside, amplitude * np.sin(np.pi * t) ** 2, 0.0)
+        return np.where(inside, amplitude * np.sin(2 * np.pi * (s - at) / period), 0.0)
+
+    return bend
+
+
+# Things
+
+
+@pytest.mark.parametrize(
+    ("label", "kind"),
+    [
+        (L.HUMAN, "trespasser"),
+        (L.CAR, "obstruction"),
+        (L.TRUCK, "obstruction"),
+        (L.CONSTRUCTION, "obstruction"),
+        (L.FENCE, "obstruction"),
+        (L.POLE, "obstruction"),
+        (L.TRAFFIC_SIGN, "obstruction"),
+        (L.ON_RAILS, "obstruction"),
+    ],
+)
+@pytest.mark.parametrize("range_m", [15.0, 40.0, 80.0])
+def test_things_on_the_track_are_found(label: int, kind: str, range_m: float) -> None:
+    masks = draw(camera(), 0.0, things=[Thing(label, range_m, 0.2, 0.9, 1.7)])
+    geometry, found = judge(masks, camera())
+    assert [f.type for f in found] == [kind]
+    finding = found[0]
+    foot = geometry.camera.ground(finding.foot_uv)
+    assert foot[0] == pytest.approx(range_m, rel=0.06)
+    assert foot[1] == pytest.approx(0.2, abs=0.35)
+    left, top, right, bottom = finding.box_xyxy
+    assert left < finding.foot_uv[0] < right
+    assert top < bottom
+    assert bottom == pytest.approx(finding.foot_uv[1], abs=2)
+    assert finding.polygon_uv.shape[1] == 2
+    assert 0 < finding.confidence <= 1
+    assert "centre line" in finding.evidence
+
+
+@pytest.mark.parametrize(
+    ("thing", "inside"),
+    [
+        (Thing(L.CONSTRUCTION, 30.0, 1.2, 0.6, 1.0), True),
+        (Thing(L.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0), False),
+        (Thing(L.CONSTRUCTION, 30.0, -2.6, 0.6, 3.0), False),
+        (Thing(L.HUMAN, 30.0, 1.5, 0.5, 1.8), True),
+        (Thing(L.HUMAN, 30.0, -2.7, 0.5, 1.8), False),
+        (Thing(L.POLE, 60.0, 3.2, 0.3, 8.0), False),
+        (Thing(L.ON_RAILS, 60.0, 4.2, 3.0, 3.8), False),
+    ],
+)
+def test_the_envelope_is_metric(thing: Thing, inside: bool) -> None:
+    for cam in (camera(), camera(fov_deg=35), camera(height_m=1.8), camera(gauge_m=1.0)):
+        _, found = judge(draw(cam, 0.0, things=[thing]), cam)
+        assert bool(found) == inside, (cam, found)
+
+
+def test_the_envelope_is_a_threshold() -> None:
+    masks = draw(camera(), 0.0, things=[Thing(L.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0)])
+    assert judge(masks, camera(), Thresholds(clearance_m=3.2))[1]
+
+
+def test_what_hangs_over_the_track_is_no_obstacle() -> None:
+    masks = draw(camera(), 0.0)
+    marks = masks.labels.copy()
+    horizon = int(camera().horizon_v())
+    marks[horizon - 60 : horizon - 50, 150:500] = L.POLE  # a gantry's beam
+    marks[: horizon - 50, 318:321] = L.POLE  # a wire down to it
+    assert judge(dataclasses.replace(masks, labels=marks), camera())[1] == ()
+
+
+def test_a_mast_in_front_of_the_curve_behind_it_is_no_obstacle() -> None:
+    # The mast stands 3 m inside a left-hand curve and covers the track farther on.
+    mast = Thing(L.POLE, 35.0, 3.0, 0.35, 8.0)
+    geometry, found = judge(draw(camera(), 1 / 250, things=[mast]), camera())
+    assert found == ()
+    assert geometry.path is not None
+
+
+def test_a_platform_edge_along_the_track_is_no_obstacle() -> None:
+    masks = draw(camera(), 0.0)
+    cam = camera()
+    edge = np.arange(4.0, 150.0, 0.5)
+    inner = cam.project(np.stack([edge, 0 * edge + 1.75, 0 * edge + 0.0], 1))
+    upper = cam.project(np.stack([edge, 0 * edge + 1.75, 0 * edge + 0.76], 1))
+    marks = masks.labels.copy()
+    import cv2
+
+    outline = np.round(np.concatenate([inner, upper[::-1]])).astype(np.int32)
+    cv2.fillPoly(marks, [outline], int(L.CONSTRUCTION))
+    assert judge(dataclasses.replace(masks, labels=marks), cam)[1] == ()
+
+
+def test_arms_and_bags_belong_to_the_person() -> None:
+    masks = draw(camera(), 0.0, things=[
+        Thing(L.HUMAN, 20.0, 0.25, 0.18, 1.7), Thing(L.HUMAN, 20.0, -0.1, 0.18, 1.7),
+    ])
+    marks = masks.labels.copy()
+    rows, cols = np.nonzero(marks == L.HUMAN)
+    marks[rows.min() + 8 : rows.min() + 24, cols.min() - 6 : cols.max() + 7] = L.HUMAN
+    _, found = judge(dataclasses.replace(masks, labels=marks), camera())
+    assert [f.type for f in found] == ["trespasser"]
+
+
+def test_person_and_crate_are_two_findings_nearest_first() -> None:
+    masks = draw(camera(), 0.0, things=[
+        Thing(L.HUMAN, 22.0, -0.4, 0.5, 1.7), Thing(L.CONSTRUCTION, 45.0, 0.4, 0.8, 0.8),
+    ])
+    _, found = judge(masks, camera())
+    assert [f.type for f in found] == ["trespasser", "obstruction"]
+
+
+# Distortions
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 500])
+@pytest.mark.parametrize(
+    "bend",
+    [wave(30, 10, 0.2), wave(30, 10, -0.2), wave(25, 12, 0.12, 6.0), wave(40, 14, 0.3)],
+    ids=["left", "right", "ripple", "far"],
+)
+def test_bent_rails_are_found(curvature: float, bend: object) -> None:
+    _, found = judge(draw(camera(), curvature, bend=bend), camera())  # type: ignore[arg-type]
+    assert [f.type for f in found] == ["distortion"]
+    assert "smooth track" in found[0].evidence
+
+
+def test_a_distortions_place_is_told() -> None:
+    geometry, found = judge(draw(camera(), 0.0, bend=wave(30, 10, 0.25)), camera())
+    foot = geometry.camera.ground(found[0].foot_uv)
+    assert 28 < foot[0] < 36
+    assert found[0].box_xyxy[3] <= found[0].foot_uv[1] + 1
+
+
+@pytest.mark.parametrize("transition", [30.0, 80.0])
+@pytest.mark.parametrize("radius", [200.0, 400.0, -250.0])
+def test_transition_curves_are_no_distortion(radius: float, transition: float) -> None:
+    for start in (10.0, 40.0):
+        masks = draw(
+            camera(), lambda s, a=start: np.clip((s - a) / transition, 0, 1) / radius  # type: ignore[misc]
+        )
+        geometry, found = judge(masks, camera())
+        assert found == (), found
+        assert geometry.followed
+
+
+# Interruptions
+
+
+def test_a_hole_in_both_rails_with_rails_beyond_is_an_obstruction() -> None:
+    masks = clear(0.0)
+    score, marks = masks.rail_score.copy(), masks.labels.copy()
+    score[235:260] = 0
+    marks[235:260][np.isin(marks[235:260], L.RAILS)] = L.TERRAIN
+    _, found = judge(Masks(marks, masks.confidence, score), camera())
+    assert [f.type for f in found] == ["obstruction"]
+    assert "interrupted" in found[0].evidence
+    assert found[0].foot_uv[1] == pytest.approx(260, abs=3)
+
+
+def test_a_short_hole_is_the_segmentations_own() -> None:
+    masks = clear(0.0)
+    score = masks.rail_score.copy()
+    score[240:245] = 0
+    assert judge(dataclasses.replace(masks, rail_score=score), camera())[1] == ()
+
+
+# Properties
+
+
+@slow
+@given(
+    radius=st.floats(200, 3000),
+    hand=st.sampled_from([-1, 0, 1]),
+    gauge=st.sampled_from(sorted(GAUGES_M.values())),
+    height=st.floats(1.5, 4.0),
+    pitch=st.floats(-5, 5),
+    roll=st.floats(-3, 3),
+    fov=st.floats(35, 80),
+    calibrated=st.booleans(),
+)
+def test_a_clear_track_never_yields_a_finding(
+    radius: float, hand: int, gauge: float, height: float, pitch: float, roll: float, fov: float,
+    calibrated: bool,
+) -> None:
+    cam = camera((640, 360), fov, height, pitch, roll, gauge_m=gauge)
+    _, found = judge(draw(cam, hand / radius), cam if calibrated else None)
+    assert found == ()
+
+
+@slow
+@given(
+    hand=st.sampled_from([-1, 0, 1]),
+    label=st.sampled_from([L.HUMAN, L.CAR, L.CONSTRUCTION]),
+    range_m=st.floats(12, 60),
+    aside=st.floats(-1.2, 1.2),
+    width=st.floats(0.4, 2.0),
+    tall=st.floats(0.8, 3.0),
+    calibrated=st.booleans(),
+)
+def test_a_thing_on_the_track_never_leaves_a_frame_clear(
+    hand: int, label: int, range_m: float, aside: float, width: float, tall: float,
+    calibrated: bool,
+) -> None:
+    masks = draw(camera(), hand / 400, things=[Thing(label, range_m, aside, width, tall)])
+    geometry, found = judge(masks, camera() if calibrated else None)
+    assert found or not geometry.followed
+
+
+@slow
+@given(
+    curvature=st.floats(-1 / 250, 1 / 250),
+    range_m=st.floats(12, 60),
+    aside=st.floats(-1.2, 1.2),
+)
+def test_mirroring_mirrors_the_findings(curvature: float, range_m: float, aside: float) -> None:
+    masks = draw(camera(), curvature, things=[Thing(L.CONSTRUCTION, range_m, aside, 0.8, 1.0)])
+    one, other = judge(masks, camera())[1], judge(masks.mirrored(), camera())[1]
+    assert [f.type for f in one] == [f.type for f in other]
+    for a, b in zip(one, other, strict=True):
+        left, top, right, bottom = b.box_xyxy
+        assert a.box_xyxy == pytest.approx((639 - right, top, 639 - left, bottom), abs=2)
+        assert a.confidence == pytest.approx(b.confidence, abs=0.05)
+
+
+def test_without_a_track_there_are_no_findings() -> None:
+    masks = Masks(*(np.zeros((40, 60), np.uint8),) * 3)
+    geometry = TrackFollower().update(masks)
+    assert find(masks, geometry) == ()
+    assert not geometry.followed
