@@ -221,9 +221,7 @@ class _Run:
         self._frames = 0
         self._seconds = 0.0
 
-    def inspect(
-        self, first: Source, progress: Callable[[Progress], None] | None
-    ) -> RunSummary:
+    def inspect(self, first: Source, progress: Callable[[Progress], None] | None) -> RunSummary:
         """Inspect every input; publish whatever was finished, whatever happens."""
         complete = False
         self._frames_file = JsonLines(self._folder.part("frames.jsonl"))
@@ -249,9 +247,7 @@ class _Run:
     def _open(self, path: Path) -> Source:
         return open_source(path, self._settings.folder_rate_hz)
 
-    def _one(
-        self, source: Source, name: str, progress: Callable[[Progress], None] | None
-    ) -> None:
+    def _one(self, source: Source, name: str, progress: Callable[[Progress], None] | None) -> None:
         summary = InputSummary(
             name=name,
             path=str(source.path),

@@ -125,8 +125,10 @@ def _run_demo(options: argparse.Namespace) -> int:
         else:
             print(f"  MISSED    {where}   no event")
     for event in document["false"]:
-        print(f"  FALSE     {event['type']:<12} at {event['first_time_s']:.1f} s, event "
-              f"{event['event']}")
+        print(
+            f"  FALSE     {event['type']:<12} at {event['first_time_s']:.1f} s, event "
+            f"{event['event']}"
+        )
     print(
         f"{document['found']} of {document['planted']} anomalies found, {document['missed']} "
         f"missed, {document['false_events']} false events; {document['frames']} frames at "

@@ -211,9 +211,7 @@ class Inspector:
             return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
         return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in seen]
 
-    def _decide(
-        self, measured: list[RangeMeasurement], unknown: bool, time_s: float
-    ) -> Advice:
+    def _decide(self, measured: list[RangeMeasurement], unknown: bool, time_s: float) -> Advice:
         try:
             return self._steps.decide(
                 measured, self._train, self._policy, perception_unknown=unknown, time_s=time_s

@@ -15,7 +15,7 @@ Colour = tuple[int, int, int]
 
 STATUS_RGB: Final[dict[str, Colour]] = {
     "clear": (70, 200, 120),
-    "finding": (255, 120, 60),
+    "finding": (222, 72, 78),
     "unknown": (170, 170, 180),
 }
 """Colour of each frame status; the report uses the same."""
@@ -140,9 +140,7 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
 
     def write(words: str, colour: Colour) -> None:
         nonlocal pen
-        cv2.putText(
-            picture, words, (pen, baseline), _FONT, size, colour, thickness, cv2.LINE_AA
-        )
+        cv2.putText(picture, words, (pen, baseline), _FONT, size, colour, thickness, cv2.LINE_AA)
         pen += cv2.getTextSize(words, _FONT, size, thickness)[0][0] + round(14 * scale)
 
     write(f"{clock(record.time_s)}", _INK)

@@ -94,9 +94,7 @@ def bad_files(base: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
-@pytest.mark.parametrize(
-    "kind", ["missing", "empty", "text", "noise", "cut", "dot", "no frames"]
-)
+@pytest.mark.parametrize("kind", ["missing", "empty", "text", "noise", "cut", "dot", "no frames"])
 def test_bad_inputs_are_refused_with_one_sentence_and_nothing_is_left(capsys, tmp_path, kind):
     path, expected = bad_files(tmp_path)[kind]
     out = tmp_path / "run"
@@ -158,8 +156,16 @@ def test_a_video_that_breaks_off_is_done_and_says_where(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "command", [["demo"], ["inspect"], ["scenes"], ["scenes", "images"], ["scenes", "stereo"],
-                ["scenes", "ride"], ["verify"]]
+    "command",
+    [
+        ["demo"],
+        ["inspect"],
+        ["scenes"],
+        ["scenes", "images"],
+        ["scenes", "stereo"],
+        ["scenes", "ride"],
+        ["verify"],
+    ],
 )
 def test_help_states_units_and_defaults(capsys, command):
     with pytest.raises(SystemExit) as stop:
@@ -210,7 +216,10 @@ def test_the_module_runs_as_a_command_without_the_training_stack(tmp_path):
     assert done.stdout.split() == ["2", "False", "False"]
     done = subprocess.run(
         [sys.executable, "-m", "railinspect", "--version"],
-        capture_output=True, text=True, cwd=ROOT, check=True,
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
     )
     assert done.stdout.startswith("railinspect ")
 

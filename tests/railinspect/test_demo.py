@@ -85,7 +85,11 @@ def test_perfect_events_are_all_found(places):
 
 
 PLAN = RidePlan(
-    3, demo_settings((640, 360)), speed_mps=25.0, duration_s=14.0, frame_rate=6.0,
+    3,
+    demo_settings((640, 360)),
+    speed_mps=25.0,
+    duration_s=14.0,
+    frame_rate=6.0,
     anomaly_count=2,
 )
 

@@ -265,6 +265,8 @@ def test_the_order_of_findings_within_a_frame_does_not_matter(data):
         ]
         first.show(*sightings)
         second.show(*data.draw(st.permutations(sightings)))
-    summary = [sorted((e.type, e.first_range_m, e.frames_seen) for e in r.events())
-               for r in (first, second)]
+    summary = [
+        sorted((e.type, e.first_range_m, e.frames_seen) for e in r.events())
+        for r in (first, second)
+    ]
     assert summary[0] == summary[1]

@@ -81,8 +81,8 @@ def test_the_screenshot_shows_a_page(report):
     browse(report, f"--screenshot={target}")
     picture = cv2.cvtColor(cv2.imread(str(target)), cv2.COLOR_BGR2RGB)
     assert picture.shape == (1500, 1280, 3)
-    # The pink of trespassers, the orange of frames with findings and dark text are all there.
-    for colour, least in (((235, 70, 150), 300), ((255, 120, 60), 2000), ((28, 36, 48), 300)):
+    # The pink of trespassers, the red of frames with findings and dark text are all there.
+    for colour, least in (((235, 70, 150), 300), ((222, 72, 78), 2000), ((28, 36, 48), 300)):
         close = np.abs(picture.astype(int) - colour).max(axis=2) < 12
         assert close.sum() > least, colour
     kept = os.environ.get("RAILINSPECT_SCREENSHOT")

@@ -10,9 +10,7 @@ from railinspect.ride_file import RidePlan, record_ride, rendered
 from railinspect.scenes import demo_settings
 from railinspect.video import open_source
 
-PLAN = RidePlan(
-    5, demo_settings((320, 180)), duration_s=1.0, frame_rate=6.0, anomalies="clear"
-)
+PLAN = RidePlan(5, demo_settings((320, 180)), duration_s=1.0, frame_rate=6.0, anomalies="clear")
 
 
 def test_two_workers_render_what_one_does():
