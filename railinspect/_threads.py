@@ -22,9 +22,10 @@ def prefetch(items: Iterable[T], depth: int = 2) -> Generator[T, None, None]:
     def put(message: tuple[bool, T | BaseException | None]) -> None:
         while not stop.is_set():
             try:
-                return ahead.put(message, timeout=0.1)
+                ahead.put(message, timeout=0.1)
             except queue.Full:
                 continue
+            return
 
     def produce() -> None:
         try:

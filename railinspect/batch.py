@@ -15,13 +15,13 @@ import cv2
 from railinspect.camera import Camera
 from railinspect.errors import OutputError
 from railinspect.events import Event, EventSettings
-from railinspect.findings import Thresholds
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, frames_of
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
+from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
 from railops.braking import Policy, Train
 
@@ -221,9 +221,7 @@ class _Run:
         self._frames = 0
         self._seconds = 0.0
 
-    def inspect(
-        self, first: Source, progress: Callable[[Progress], None] | None
-    ) -> RunSummary:
+    def inspect(self, first: Source, progress: Callable[[Progress], None] | None) -> RunSummary:
         """Inspect every input; publish whatever was finished, whatever happens."""
         complete = False
         self._frames_file = JsonLines(self._folder.part("frames.jsonl"))
@@ -249,9 +247,7 @@ class _Run:
     def _open(self, path: Path) -> Source:
         return open_source(path, self._settings.folder_rate_hz)
 
-    def _one(
-        self, source: Source, name: str, progress: Callable[[Progress], None] | None
-    ) -> None:
+    def _one(self, source: Source, name: str, progress: Callable[[Progress], None] | None) -> None:
         summary = InputSummary(
             name=name,
             path=str(source.path),

@@ -125,8 +125,10 @@ def _run_demo(options: argparse.Namespace) -> int:
         else:
             print(f"  MISSED    {where}   no event")
     for event in document["false"]:
-        print(f"  FALSE     {event['type']:<12} at {event['first_time_s']:.1f} s, event "
-              f"{event['event']}")
+        print(
+            f"  FALSE     {event['type']:<12} at {event['first_time_s']:.1f} s, event "
+            f"{event['event']}"
+        )
     print(
         f"{document['found']} of {document['planted']} anomalies found, {document['missed']} "
         f"missed, {document['false_events']} false events; {document['frames']} frames at "
@@ -246,11 +248,9 @@ def _segmenter(options: argparse.Namespace) -> Any:
     threads = getattr(options, "threads", None)
     if threads is not None and threads < 1:
         raise BadInputError(f"threads is {threads}; give at least 1")
-    if options.bundle is None and threads is None:
-        return Segmenter.default()
     if options.bundle is None:
-        return Segmenter.default(threads=threads)
-    return Segmenter.load(options.bundle, threads=threads)
+        return Segmenter.default(threads)
+    return Segmenter.load(options.bundle, threads)
 
 
 def _add_scenes(commands: Any) -> None:
@@ -270,7 +270,32 @@ def _add_verify(commands: Any) -> None:
 
 
 def _run_verify(options: argparse.Namespace) -> int:
-    raise NotImplementedError
+    from railinspect.segmenter import Segmenter, verify
+
+    segmenter = Segmenter.load(options.bundle)
+    result = verify(segmenter)
+    document = {
+        "bundle": str(options.bundle),
+        "network": segmenter.metadata.network,
+        "input_size_wh": list(segmenter.metadata.input_size_wh),
+        "package_version": segmenter.metadata.package_version,
+        "training_fingerprint": segmenter.metadata.training_fingerprint,
+        "identical": result.identical,
+        "agreement": result.agreement,
+        "passed": result.passed,
+        "frame_ms": round(1000 * result.frame_s, 2),
+    }
+    if options.json:
+        print(json.dumps(document))
+    else:
+        width, height = segmenter.metadata.input_size_wh
+        same = "identical" if result.identical else f"{result.agreement:.4%} of the labels equal"
+        print(
+            f"{'passed' if result.passed else 'FAILED'}: {options.bundle} "
+            f"({segmenter.metadata.network}, {width}×{height} pixels), golden output {same}, "
+            f"{1000 * result.frame_s:.1f} ms per frame"
+        )
+    return DONE if result.passed else FAILED_CHECK
 
 
 if __name__ == "__main__":

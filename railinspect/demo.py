@@ -93,9 +93,7 @@ def judge(
         found=tuple(pair for pair in both if pair[0]["type"] == pair[1]["type"]),
         confused=tuple(pair for pair in both if pair[0]["type"] != pair[1]["type"]),
         unseen=tuple(truth for p, truth in enumerate(planted) if p not in matched),
-        false_events=tuple(
-            event for e, event in enumerate(events) if e not in matched.values()
-        ),
+        false_events=tuple(event for e, event in enumerate(events) if e not in matched.values()),
     )
 
 
@@ -214,4 +212,3 @@ def demo_document(
             "truth": str(summary.folder / "truth.json"),
         },
     }
-

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from railinspect.errors import BadInputError
 
 Image = npt.NDArray[np.uint8]
+Decoded = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 IMAGE_SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """File name endings read as single images, lower case."""
@@ -147,10 +148,11 @@ def _webp_size_wh(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _decode(data: bytes, path: Path) -> npt.NDArray[np.generic]:
+def _decode(data: bytes, path: Path) -> Decoded:
     """Decode to (H, W, 3 or 4) BGR(A), 8 or 16 bits; damaged files raise."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the one sentence below says it; OpenCV's own lines would be noise
+    log = cv2.utils.logging
+    level = log.getLogLevel()
+    log.setLogLevel(log.LOG_LEVEL_SILENT)  # the one sentence below says it all
     try:
         buffer = np.frombuffer(data, np.uint8)
         flags = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
@@ -160,7 +162,7 @@ def _decode(data: bytes, path: Path) -> npt.NDArray[np.generic]:
     except cv2.error:
         decoded = None
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        log.setLogLevel(level)
     if decoded is None:
         raise BadInputError(f"image {path} is damaged and cannot be decoded; copy the file again")
     if decoded.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
@@ -169,7 +171,7 @@ def _decode(data: bytes, path: Path) -> npt.NDArray[np.generic]:
         )
     if decoded.ndim == 2:
         decoded = cv2.cvtColor(decoded, cv2.COLOR_GRAY2BGR)
-    return cast(npt.NDArray[np.generic], decoded)
+    return cast(Decoded, decoded)
 
 
 def _may_have_alpha(data: bytes) -> bool:
@@ -181,10 +183,10 @@ def _may_have_alpha(data: bytes) -> bool:
     return data[:4] == b"\x89PNG" and data[25] in (4, 6)
 
 
-def _to_rgb8(image: npt.NDArray[np.generic]) -> Image:
+def _to_rgb8(image: Decoded) -> Image:
     """BGR or BGRA of 8 or 16 bits to RGB uint8, shape (H, W, 3)."""
     if image.dtype == np.uint16:
-        image = cv2.convertScaleAbs(image, alpha=255 / 65535)
+        image = cast(Image, cv2.convertScaleAbs(image, alpha=255 / 65535))
     if image.ndim == 3 and image.shape[2] == 4:
         alpha = image[..., 3:].astype(np.float32) / 255
         image = np.rint(image[..., :3].astype(np.float32) * alpha).astype(np.uint8)

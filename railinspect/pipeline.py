@@ -15,11 +15,13 @@ import numpy.typing as npt
 
 from railinspect._threads import prefetch
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
-from railinspect.findings import Finding, Thresholds, find
+from railinspect.findings import Finding, find
 from railinspect.ranging import Range, range_of
 from railinspect.records import FrameRecord, LocatedFinding, Status
-from railinspect.segmenter import Segmentation, Segmenter
+from railinspect.segmenter import Segmenter
+from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
+from railinspect.track.geometry import SegmentationLike
 from railinspect.video import Frame, Source, open_source
 from railops.braking import Advice, Policy, RangeMeasurement, Train, decide
 from railops.errors import CannotStopError
@@ -36,7 +38,8 @@ DECISION_S: Final = 1.0
 THUMBNAIL_WH: Final = (240, 160)
 """Largest size of an event's picture, pixels."""
 
-SegmentFunction = Callable[[npt.NDArray[np.uint8]], "Segmentation"]
+SegmentFunction = Callable[[npt.NDArray[np.uint8]], SegmentationLike]
+"""From an RGB image, uint8 (H, W, 3), to its segmentation; a ``Segmenter`` is one."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Steps:
     """The steps of the loop that other rooms provide, so that a test can replace one."""
 
     follower: Callable[[Camera | None], TrackFollower] = TrackFollower
-    find: Callable[[Segmentation, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
+    find: Callable[[SegmentationLike, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
     range_of: Callable[[Finding, TrackGeometry, Camera], Range | None] = range_of
     decide: Callable[..., Advice] = decide
 
@@ -125,7 +128,7 @@ class Inspector:
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
         findings = self._steps.find(segmentation, track, self._thresholds)
-        ranges = [self._steps.range_of(found, track, track.camera) for found in findings]
+        ranges = [_sound(self._steps.range_of(f, track, track.camera)) for f in findings]
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
         sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
@@ -208,9 +211,7 @@ class Inspector:
             return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
         return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in seen]
 
-    def _decide(
-        self, measured: list[RangeMeasurement], unknown: bool, time_s: float
-    ) -> Advice:
+    def _decide(self, measured: list[RangeMeasurement], unknown: bool, time_s: float) -> Advice:
         try:
             return self._steps.decide(
                 measured, self._train, self._policy, perception_unknown=unknown, time_s=time_s
@@ -248,6 +249,14 @@ def cut_out(rgb: npt.NDArray[np.uint8], box_xyxy: tuple[float, float, float, flo
 def _severity(advice: Advice) -> tuple[int, float]:
     margin_m = advice.margin_m if advice.margin_m is not None else math.inf
     return ACTIONS.index(advice.action), -margin_m
+
+
+def _sound(distance: Range | None) -> Range | None:
+    """The range, unless one of its numbers is none: no answer must not look like an answer."""
+    if distance is None:
+        return None
+    numbers = (distance.range_m, distance.std_m, *distance.interval_m)
+    return distance if all(math.isfinite(n) and n >= 0 for n in numbers) else None
 
 
 def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]) -> Sighting:

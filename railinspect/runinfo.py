@@ -20,6 +20,14 @@ if TYPE_CHECKING:
 FORMAT: Final = 1
 """Version of the run folder's layout; rises when a reader would have to change."""
 
+_MODEL: Final = (
+    "network",
+    "package_version",
+    "input_size_wh",
+    "training_fingerprint",
+    "golden_sha256",
+    "training",
+)
 _LIBRARIES: Final = ("numpy", "opencv-python-headless", "onnxruntime", "av", "pyarrow")
 
 
@@ -35,7 +43,7 @@ def run_info(started: datetime, segmenter: object, settings: InspectSettings) ->
             "python": platform.python_version(),
             **{name: installed_version(name) for name in _LIBRARIES},
         },
-        "model": jsonable(getattr(segmenter, "metadata", None)),
+        "model": _model(getattr(segmenter, "metadata", None)),
         "camera": jsonable(settings.camera),
         "settings": {
             "overlay": settings.overlay,
@@ -50,6 +58,12 @@ def run_info(started: datetime, segmenter: object, settings: InspectSettings) ->
     }
 
 
+def _model(metadata: object) -> dict[str, Any] | None:
+    """What identifies the bundle; None for a segmenter that is not one."""
+    known = {name: getattr(metadata, name, None) for name in _MODEL}
+    return {name: jsonable(value) for name, value in known.items()} if metadata else None
+
+
 def installed_version(distribution: str) -> str | None:
     """Version of an installed distribution, or None when it runs from a bare checkout."""
     try:
@@ -59,9 +73,13 @@ def installed_version(distribution: str) -> str | None:
 
 
 def jsonable(value: object) -> Any:
-    """Dataclasses, mappings, sequences, arrays and paths as JSON values; NaN and inf as null."""
+    """Dataclasses, mappings, sequences, arrays and paths as JSON values; NaN and inf as null.
+
+    Private fields of dataclasses are caches and are left out.
+    """
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        names = [f.name for f in dataclasses.fields(value) if not f.name.startswith("_")]
+        return {name: jsonable(getattr(value, name)) for name in names}
     if isinstance(value, Mapping):
         return {str(key): jsonable(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

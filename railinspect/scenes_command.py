@@ -9,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from railinspect.errors import BadInputError, OutputError
 from railinspect.progress import ProgressLine
 
@@ -125,9 +123,10 @@ def _run_stereo(options: argparse.Namespace) -> int:
 
 def write_pair(out: Path, name: str, left: Any, right: Any, baseline_m: float) -> None:
     """Left and right image as PNG, depth in metres and the camera: ``NAME_….png|npy|yaml``."""
+    import cv2
     import numpy as np
 
-    for side, rgb in (("left", left.rgb), ("right", right)):
+    for side, rgb in (("left", left.rgb), ("right", right.rgb)):
         data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1]
         (out / f"{name}_{side}.png").write_bytes(data.tobytes())
     np.save(out / f"{name}_depth_m.npy", left.depth_m)

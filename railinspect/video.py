@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal, cast
 
@@ -218,7 +219,7 @@ class _VideoSource(Source):
         self._frames.close()
         self._container.close()
 
-    def _decode(self) -> Iterator[Frame]:
+    def _decode(self) -> Generator[Frame, None, None]:
         """Decode packet by packet, so one damaged packet does not end the recording."""
         index, last_s, start_s = 0, -math.inf, 0.0
         damaged_packets = 0
@@ -274,11 +275,12 @@ class _VideoSource(Source):
         if aspect and 0.25 < aspect < 4 and aspect != 1:
             width = max(1, round(width * aspect))
         check_size((width, height), str(self.path))
-        rgb = picture.reformat(width=width, height=height, format="rgb24").to_ndarray()
+        converted = picture.reformat(width=width, height=height, format="rgb24")
+        rgb = cast(npt.NDArray[np.uint8], converted.to_ndarray())
         quarter_turns = round(picture.rotation / 90) % 4  # counterclockwise
         if quarter_turns:
             rgb = np.ascontiguousarray(np.rot90(rgb, quarter_turns))
-        return cast(npt.NDArray[np.uint8], rgb)
+        return rgb
 
 
 def _why_not_video(path: Path) -> str:
@@ -340,5 +342,5 @@ def times_from_names(stems: list[str]) -> list[float] | None:
             times.append(float(match[1]))
         else:
             return None
-    rising = all(a < b for a, b in zip(times, times[1:], strict=False))
+    rising = all(a < b for a, b in pairwise(times))
     return [round(time - times[0], 9) for time in times] if rising else None

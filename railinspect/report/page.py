@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from railinspect.report.style import style_sheet
 from railinspect.report.summary import InputTimeline, summarise
@@ -17,6 +17,9 @@ from railinspect.sinks.json_lines import read_json_lines
 from railinspect.sinks.overlay import STATUS_RGB, TYPE_RGB, clock
 
 Json = Mapping[str, Any]
+
+MAX_PICTURES: Final = 300
+"""Events whose picture is embedded; those of later events stay in the run folder."""
 
 
 def write_report(folder: RunFolder) -> None:
@@ -185,6 +188,8 @@ def _event_row(event: Json, several: bool, at: RunFolder) -> str:
 def _picture(event: Json, at: RunFolder) -> str:
     if event["thumbnail"] is None:
         return "–"
+    if event["id"] > MAX_PICTURES:  # a page of a thousand pictures would no longer open
+        return f"<small>{escape(event['thumbnail'])}</small>"
     try:
         data = at.current(event["thumbnail"]).read_bytes()
     except OSError:
@@ -240,8 +245,7 @@ def _unknown(run: Json, timelines: Mapping[str, InputTimeline]) -> str:
 def _reasons(counted: Iterable[tuple[str, int]]) -> str:
     listed = list(counted)
     shown = [
-        escape(reason) + (f" ({count}×)" if len(listed) > 1 else "")
-        for reason, count in listed[:3]
+        escape(reason) + (f" ({count}×)" if len(listed) > 1 else "") for reason, count in listed[:3]
     ]
     if len(listed) > 3:
         shown.append(f"and {len(listed) - 3} other reasons")
@@ -254,15 +258,15 @@ def _how(run: Json) -> str:
     for one in run["inputs"]:
         width, height = one["size_wh"]
         rows.append(
-            ("Input", f"{one['path']} ({one['kind']}, {width}×{height} pixels, "
-             f"{_count(one['frames'], 'frame')})")
+            (
+                "Input",
+                f"{one['path']} ({one['kind']}, {width}×{height} pixels, "
+                f"{_count(one['frames'], 'frame')})",
+            )
         )
         if one["overlay"]:
             rows.append(("Overlay", one["overlay"]))
-    model = run["model"] or {}
-    told = [f"{key} {model[key]}" for key in ("name", "package_version", "input_size_wh")
-            if model.get(key)]
-    rows.append(("Model", "; ".join(told) or "not stated by the segmenter"))
+    rows.append(("Model", _model(run["model"])))
     rows.append(("Camera", _camera(run["camera"])))
     settings = run["settings"]
     if settings["speed_mps"] is None:
@@ -272,13 +276,26 @@ def _how(run: Json) -> str:
         rows.append(("Speed", f"{settings['speed_mps'] * 3.6:.0f} km/h ({known})"))
     events = settings["events"]
     rows.append(
-        ("Confirmation", f"an event is confirmed by {events['confirm_hits']} of the last "
-         f"{events['confirm_window']} frames and ends after {events['lose_after_s']:g} s unseen")
+        (
+            "Confirmation",
+            f"an event is confirmed by {events['confirm_hits']} of the last "
+            f"{events['confirm_window']} frames and ends after {events['lose_after_s']:g} s unseen",
+        )
     )
     versions = ", ".join(f"{k} {v}" for k, v in run["versions"].items() if v)
     rows.append(("Versions", versions))
     inner = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
     return f'<section id="how"><h2>How it was inspected</h2><dl>{inner}</dl></section>'
+
+
+def _model(model: Json | None) -> str:
+    if model is None:
+        return "not a bundle"
+    width, height = model["input_size_wh"] or (0, 0)
+    return (
+        f"{model['network']}, {width}×{height} pixels, written by version "
+        f"{model['package_version']}, training data {str(model['training_fingerprint'])[:12]}"
+    )
 
 
 def _camera(camera: Json | None) -> str:

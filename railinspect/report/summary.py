@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Final
 
 BINS: Final = 1000
@@ -111,7 +112,7 @@ class InputTimeline:
         filled = [index for index, status in enumerate(self.status) if status is not None]
         # Twice the usual spacing of frames is still drawn as continuous; longer holes stay holes.
         widest = max(2 * BINS // max(len(filled), 1), 1)
-        for before, after in zip(filled, [*filled[1:], BINS], strict=True):
+        for before, after in pairwise([*filled, BINS]):
             for index in range(before + 1, min(after, before + 1 + widest)):
                 self.status[index] = self.status[before]
 

@@ -49,7 +49,7 @@ def timeline_svg(
         x = _x(timeline, time_s)
         parts.append(
             f'<g class="break"><line x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{axis_y:.1f}"/>'
-            f'<title>reading broke at {clock(time_s)}</title></g>'
+            f"<title>reading broke at {clock(time_s)}</title></g>"
         )
     height = axis_y + 24
     label = f"Timeline of {len(events)} events, {clock(timeline.first_s)} to "

@@ -15,7 +15,7 @@ Colour = tuple[int, int, int]
 
 STATUS_RGB: Final[dict[str, Colour]] = {
     "clear": (70, 200, 120),
-    "finding": (255, 120, 60),
+    "finding": (222, 72, 78),
     "unknown": (170, 170, 180),
 }
 """Colour of each frame status; the report uses the same."""
@@ -40,6 +40,7 @@ _ROI: Final = (60, 150, 235)
 _INK: Final = (245, 247, 250)
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _SUBPIXEL_BITS: Final = 3
+_PLAIN: Final = str.maketrans({"–": "-", "−": "-", "±": "+-", "≥": ">=", "≤": "<=", "…": "..."})
 
 
 def draw_overlay(rgb: Image, record: FrameRecord) -> Image:
@@ -92,7 +93,7 @@ def _draw_finding(
         _lines(picture, polygon, colour, thin, closed=True)
     x0, y0, x1, y1 = (round(value) for value in found.finding.box_xyxy)
     cv2.rectangle(picture, (x0, y0), (x1, y1), colour, thin + 1 if confirmed else thin)
-    words = found.finding.type
+    words: str = found.finding.type
     if found.event_id is not None:
         words = f"#{found.event_id} {words}"
     if found.range is not None:
@@ -139,9 +140,7 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
 
     def write(words: str, colour: Colour) -> None:
         nonlocal pen
-        cv2.putText(
-            picture, words, (pen, baseline), _FONT, size, colour, thickness, cv2.LINE_AA
-        )
+        cv2.putText(picture, words, (pen, baseline), _FONT, size, colour, thickness, cv2.LINE_AA)
         pen += cv2.getTextSize(words, _FONT, size, thickness)[0][0] + round(14 * scale)
 
     write(f"{clock(record.time_s)}", _INK)
@@ -161,8 +160,7 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
 
 def ascii_only(words: str) -> str:
     """The text with what OpenCV's fonts lack replaced: dashes, ± and ≥ by ASCII, rest by "?"."""
-    for sign, plain in (("–", "-"), ("−", "-"), ("±", "+-"), ("≥", ">="), ("≤", "<="), ("…", "...")):
-        words = words.replace(sign, plain)
+    words = words.translate(_PLAIN)
     return words.encode("ascii", "replace").decode()
 
 

@@ -41,7 +41,8 @@ class OverlayVideo:
         stream.pix_fmt = "yuv420p"
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS_PER_S)
         stream.codec_context.thread_count = 1
-        stream.options = {"preset": "veryfast", "crf": "23", "g": "100"}
+        # No B frames: in a fragmented file they would shift every time by their delay.
+        stream.options = {"preset": "veryfast", "crf": "23", "g": "100", "bf": "0"}
         self._start_s: float | None = None
         self._last_tick = -1
         self._worker = Worker(self._encode, depth=4)

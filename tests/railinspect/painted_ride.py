@@ -41,7 +41,8 @@ def read_paint(rgb: np.ndarray) -> Painted:
     labels[(red > 170) & (green > 170)] = RAIL_RAISED
     labels[(red > green + 70) & (red > blue + 70)] = HUMAN
     score = np.where(labels == RAIL_RAISED, 240, 5).astype(np.uint8)
-    return Painted(labels, np.full(labels.shape, 230, np.uint8), cv2.GaussianBlur(score, (3, 3), 0.6))
+    score = cv2.GaussianBlur(score, (3, 3), 0.6)
+    return Painted(labels, np.full(labels.shape, 230, np.uint8), score)
 
 
 def paint(people_at_m: Sequence[float] = (), rails: bool = True) -> np.ndarray:
@@ -67,7 +68,9 @@ def paint(people_at_m: Sequence[float] = (), rails: bool = True) -> np.ndarray:
     return rgb
 
 
-def ride(people_m: Sequence[float] = (90.0,), frames: int = 50, rate: float = 12.5) -> list[np.ndarray]:
+def ride(
+    people_m: Sequence[float] = (90.0,), frames: int = 50, rate: float = 12.5
+) -> list[np.ndarray]:
     """Pictures of a ride at 20 m/s past people at these chainages."""
     return [paint([at - SPEED_MPS * i / rate for at in people_m]) for i in range(frames)]
 

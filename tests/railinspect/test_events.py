@@ -207,7 +207,8 @@ def test_the_most_severe_advice_and_the_best_picture_are_kept():
         ride.show(seen(60.0 - ride.chainage_m()))
         if ride.tracker.wants_thumbnail(1, index):
             ride.tracker.set_thumbnail(1, b"%d" % index)
-        ride.tracker.note_advice(1, "warn" if index < 10 else "service", 1 if index < 10 else 2, "x")
+        action, rank = ("warn", 1) if index < 10 else ("service", 2)
+        ride.tracker.note_advice(1, action, rank, "x")
         ride.tracker.note_advice(1, "none", 0, "y")
     (event,) = ride.events()
     assert (event.advice, event.advice_reason) == ("service", "x")
@@ -244,7 +245,7 @@ def test_overlap_is_symmetric_and_bounded(first, second):
     st.lists(st.booleans(), min_size=45, max_size=45),
 )
 def test_noise_and_drop_outs_never_make_two_of_one(noise, dropped):
-    """Whatever ±10 % range noise and isolated drop-outs do, one obstacle stays at most one event."""
+    """Whatever ±10 % range noise and single drop-outs do, one obstacle is never two events."""
     ride = Ride()
     for index in range(45):
         range_m = 90.0 - ride.chainage_m()
@@ -264,6 +265,8 @@ def test_the_order_of_findings_within_a_frame_does_not_matter(data):
         ]
         first.show(*sightings)
         second.show(*data.draw(st.permutations(sightings)))
-    summary = [sorted((e.type, e.first_range_m, e.frames_seen) for e in r.events())
-               for r in (first, second)]
+    summary = [
+        sorted((e.type, e.first_range_m, e.frames_seen) for e in r.events())
+        for r in (first, second)
+    ]
     assert summary[0] == summary[1]

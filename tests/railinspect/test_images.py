@@ -130,7 +130,8 @@ def test_a_damaged_image_is_refused_without_noise(tmp_path, colours, capfd):
 
 def test_a_decompression_bomb_is_refused_from_its_header(tmp_path):
     def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        check = struct.pack(">I", zlib.crc32(kind + body))
+        return struct.pack(">I", len(body)) + kind + body + check
 
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0))
     path = tmp_path / "bomb.png"
@@ -153,6 +154,6 @@ def test_the_header_gives_the_size(kind, width, height, mode):
     assert header_size_wh(buffer.getvalue()) == (width, height)
 
 
-@given(st.binary(max_size=200), st.sampled_from([b"", b"\xff\xd8", b"II*\0", b"RIFF0000WEBP", b"BM"]))
+@given(st.binary(max_size=99), st.sampled_from([b"\xff\xd8", b"II*\0", b"RIFF0000WEBP", b"BM"]))
 def test_no_header_is_a_surprise(body, start):
     header_size_wh(start + body)  # never raises

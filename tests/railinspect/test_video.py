@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -51,7 +52,7 @@ def test_reordered_frames_come_in_presentation_order(tmp_path):
     )
     frames, _ = read(path)
     assert [int(f.rgb.mean()) for f in frames] == pytest.approx(levels, abs=4)
-    assert all(a.time_s < b.time_s for a, b in zip(frames, frames[1:], strict=False))
+    assert all(a.time_s < b.time_s for a, b in pairwise(frames))
 
 
 def test_a_variable_frame_rate_keeps_its_times(tmp_path):
