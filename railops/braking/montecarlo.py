@@ -158,7 +158,7 @@ class StopLaw:
         """
         d = self.disturbances
         units = self.train.brake_units
-        failures = special.bdtrc(np.arange(units), units, d.unit_failure)
+        failures: Array = np.asarray(special.bdtrc(np.arange(units), units, d.unit_failure), float)
         scale = np.array([getattr(d, name) for name in d.__dataclass_fields__], float)
         result = np.empty(len(z)) if out is None else out
         train, brake = self.train, getattr(self.train, self.brake)
@@ -220,7 +220,7 @@ class Quantile:
 
 
 def _binomial_quantile(level: float, n: int, p: float) -> int:
-    """Smallest k with P(X <= k) >= level. (``scipy.stats`` would cost a second of start-up.)"""
+    """Smallest k with P(X <= k) >= level; without scipy.stats' second of start-up."""
     k = max(math.ceil(float(special.bdtrik(level, n, p))), 0)
     return k - 1 if k > 0 and special.bdtr(k - 1, n, p) >= level else k
 
