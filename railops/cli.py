@@ -1,9 +1,10 @@
 """``railops ROOM COMMAND …``: one door for the decision rooms.
 
-A room joins by one line in :data:`ROOMS`. Its module has a ``HELP`` sentence and a function
-``add_commands(commands)``, which calls ``commands.add(name, help, run)`` for each command and adds
-arguments to the parser it returns; ``run(arguments)`` returns a :class:`Result`. Everything else
-(``--json``, errors, exit status) is here: 0 done, 1 done but a check failed, 2 bad input.
+A room joins by one line in :data:`ROOMS`; its module is imported only when the room is asked for.
+The module has a function ``add_commands(commands)``, which calls ``commands.add(name, help, run)``
+for each command and adds arguments to the parser it returns; ``run(arguments)`` returns a
+:class:`Result`. Everything else (``--json``, errors, exit status) is here: 0 done, 1 done but a
+check failed, 2 bad input.
 """
 
 from __future__ import annotations
@@ -19,8 +20,12 @@ from typing import Any, NoReturn, Protocol, cast
 
 from railops.errors import RailOpsError
 
-ROOMS: Mapping[str, str] = {
-    "braking": "railops.braking.commands",
+# name: (module with add_commands, what `railops --help` says)
+ROOMS: Mapping[str, tuple[str, str]] = {
+    "braking": (
+        "railops.braking.commands",
+        "bounds on errors, stopping distances, and when to brake",
+    ),
 }
 
 
@@ -44,8 +49,6 @@ Run = Callable[[argparse.Namespace], Result]
 
 class Room(Protocol):
     """What a room's command module offers."""
-
-    HELP: str
 
     def add_commands(self, commands: Commands) -> None:
         """Add the room's commands."""
@@ -98,11 +101,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="railops", description="Railway decisions: braking and what builds on it."
     )
     rooms = parser.add_subparsers(dest="room", metavar="ROOM", required=True)
-    for name, module in ROOMS.items():
-        room = cast(Room, importlib.import_module(module))
-        room.add_commands(Commands(rooms.add_parser(name, help=room.HELP, description=room.HELP)))
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    for name, (module, about) in ROOMS.items():
+        room_parser = rooms.add_parser(name, help=about, description=about)
+        if given[:1] == [name]:
+            room = cast(Room, importlib.import_module(module))
+            room.add_commands(Commands(room_parser))
     try:
-        parsed = parser.parse_args(arguments)
+        parsed = parser.parse_args(given)
     except SystemExit as leave:  # --help and usage errors
         return int(leave.code or 0)
     try:

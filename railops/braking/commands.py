@@ -19,7 +19,6 @@ from railops.cli import Commands, Result
 from railops.errors import CannotStopError, DomainError, FileError, RailOpsError
 from railops.traction import Line
 
-HELP = "bounds on errors, stopping distances, and when to brake"
 _QUANTILES = (0.5, 0.9, 0.99, 0.999, 0.9999, 0.99999)
 
 
@@ -62,6 +61,7 @@ def add_commands(commands: Commands) -> None:
     add("--seed", type=int, default=1, help="seed")
     add("--threads", type=int, help="threads (default: all usable cores)")
     add("--tail", type=float, metavar="P", help="also the distance exceeded with probability P")
+    add("--samples", type=int, default=50_000, help="samples per level for --tail and --beyond-m")
     add("--beyond-m", type=float, help="also the probability of a longer stop than this, m")
 
     parser = commands.add("curves", "braking curves in ETCS vocabulary", _curves)
@@ -229,11 +229,11 @@ def _simulate(arguments: argparse.Namespace) -> Result:
     lines += [f"{name}: {fit}" for name, fit in document["fits"].items()]
     rng = np.random.default_rng([arguments.seed, 1])
     if arguments.tail is not None:
-        distance = rare.quantile(law.distances, arguments.tail, DIMENSIONS, rng, 50_000)
+        distance = rare.quantile(law.distances, arguments.tail, DIMENSIONS, rng, arguments.samples)
         document["tail"] = {"probability": arguments.tail, "distance_m": distance}
         lines.append(f"exceeded with probability {arguments.tail:g}: {distance:.2f} m")
     if arguments.beyond_m is not None:
-        tail = rare.tail(law.distances, arguments.beyond_m, DIMENSIONS, rng)
+        tail = rare.tail(law.distances, arguments.beyond_m, DIMENSIONS, rng, arguments.samples)
         document["beyond"] = tail
         lines.append(
             f"longer than {arguments.beyond_m:g} m with probability {tail.probability:.3g} "

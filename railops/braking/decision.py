@@ -48,12 +48,14 @@ class RangeMeasurement:
     valid: bool = True
 
     def __post_init__(self) -> None:
-        check_range("time_s", self.time_s, unit="s")
+        object.__setattr__(self, "time_s", check_range("time_s", self.time_s, unit="s"))
         if not self.valid:
             return
-        check_range("range_m", self.range_m, 0.0, 1e5, "m")
-        check_range("std_m", self.std_m, 0.0, 1e5, "m")
+        # Stored as plain floats: what comes in may be NumPy's, what goes out may become JSON.
+        object.__setattr__(self, "range_m", check_range("range_m", self.range_m, 0.0, 1e5, "m"))
+        object.__setattr__(self, "std_m", check_range("std_m", self.std_m, 0.0, 1e5, "m"))
         low, high = self.interval_m
+        object.__setattr__(self, "interval_m", (float(low), float(high)))
         if not low <= self.range_m <= high:
             raise DomainError("interval_m", self.interval_m, f"to contain range_m = {self.range_m}")
 
@@ -173,10 +175,12 @@ class Advice:
 
     def as_dict(self) -> dict[str, Any]:
         """The advice for JSON; infinite values become null."""
-        return {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in asdict(self).items()
-        }
+        document = asdict(self)
+        if document["governed_by"] is not None:
+            document["governed_by"]["interval_m"] = [
+                _finite(end) for end in document["governed_by"]["interval_m"]
+            ]
+        return {key: _finite(value) for key, value in document.items()}
 
     @property
     def would_change(self) -> str:
@@ -279,6 +283,11 @@ def decide(
 
 
 _DEFAULT = Policy()
+
+
+def _finite(value: Any) -> Any:
+    """None in place of an infinite or undefined number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _check_times(

@@ -72,6 +72,8 @@ def test_simulate(capsys):
         "1e-6",
         "--beyond-m",
         "290",
+        "--samples",
+        "4000",
         "--gradient-permille",
         "-5",
     )
