@@ -13,7 +13,9 @@ from railinspect.scenes import Ride, SceneSettings, demo_settings, render
 
 def main() -> None:
     arguments = parser(__doc__)
-    arguments.add_argument("--count", type=int, default=80, help="pictures per measure (default 80)")
+    arguments.add_argument(
+        "--count", type=int, default=80, help="pictures per measure (default 80)"
+    )
     options = arguments.parse_args()
     cv2.setNumThreads(1)
     render(0)
@@ -28,9 +30,7 @@ def main() -> None:
         rate = count / sum(times)
         name = f"stills {size[0]}x{size[1]}, one core"
         measures.append(Measure(name, rate, "images/s", bar, "higher"))
-        measures.append(
-            Measure(f"{name}, median time", 1e3 * statistics.median(times), "ms")
-        )
+        measures.append(Measure(f"{name}, median time", 1e3 * statistics.median(times), "ms"))
     ride = Ride.plan(7, demo_settings(), duration_s=60, anomalies="demo")
     start = time.perf_counter()
     for index in range(options.count):

@@ -178,8 +178,7 @@ class Camera:
         normal = self.camera_from_world @ np.array([0.0, 0.0, 1.0])
         across = (u - self.principal_uv[0]) / self.focal_px
         return float(
-            self.principal_uv[1]
-            - self.focal_px * (normal[0] * across + normal[2]) / normal[1]
+            self.principal_uv[1] - self.focal_px * (normal[0] * across + normal[2]) / normal[1]
         )
 
     def resized(self, size_wh: tuple[int, int]) -> Camera:
@@ -217,7 +216,9 @@ class Camera:
             raise BadInputError(f"camera file {path} must hold a mapping of camera quantities")
         known = {f.name for f in fields(Camera)}
         if unknown := sorted(set(map(str, data)) - known):
-            raise BadInputError(f"camera file {path} has unknown keys {unknown}; known: {sorted(known)}")
+            raise BadInputError(
+                f"camera file {path} has unknown keys {unknown}; known: {sorted(known)}"
+            )
         try:
             data["std"] = CameraStd(**data.get("std", {}))
             for name in ("size_wh", "principal_uv", "distortion"):

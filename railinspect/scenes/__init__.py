@@ -1,4 +1,4 @@
-"""The procedural railway world: pictures, class masks, depth, stereo pairs and rides, with truth."""
+"""The procedural railway world: pictures, masks, depth, stereo pairs and rides, with truth."""
 
 from railinspect.scenes.dataset import write_images
 from railinspect.scenes.planting import AnomalyType

@@ -53,7 +53,14 @@ class Appearance:
     night: bool
 
 
-_GRASS = ((98, 112, 58), (120, 124, 70), (86, 96, 52), (140, 128, 86), (104, 92, 66), (152, 146, 120))
+_GRASS = (
+    (98, 112, 58),
+    (120, 124, 70),
+    (86, 96, 52),
+    (140, 128, 86),
+    (104, 92, 66),
+    (152, 146, 120),
+)
 _LEAVES = ((52, 74, 36), (70, 92, 44), (40, 58, 36), (134, 104, 46), (120, 72, 40), (92, 84, 70))
 _BEDS = (
     (122, 114, 106),
@@ -71,7 +78,8 @@ _RUST = ((92, 62, 46), (72, 54, 44), (56, 46, 42), (106, 78, 60), (48, 44, 44))
 def jitter(rng: np.random.Generator, colour: npt.ArrayLike, share: float = 0.15) -> Array:
     """A colour with its brightness and hue varied by about ``share``."""
     gain = np.exp(rng.normal(0, share)) * np.exp(rng.normal(0, share / 7, 3))
-    return np.clip(np.broadcast_to(np.asarray(colour, float), (3,)) * gain, 4, 250)
+    varied: Array = np.clip(np.broadcast_to(np.asarray(colour, float), (3,)) * gain, 4, 250)
+    return varied
 
 
 def draw_appearance(rng: np.random.Generator, settings: SceneSettings) -> Appearance:
@@ -152,7 +160,9 @@ def _draw_weather(rng: np.random.Generator, settings: SceneSettings, time: str) 
     night, dusk = time == "night", time == "dusk"
     if night:
         grey = 30.0
-    ambient = float(rng.uniform(0.12, 0.3)) if night else float(rng.uniform(0.35, 0.7)) if dusk else 1.0
+    ambient = (
+        float(rng.uniform(0.12, 0.3)) if night else float(rng.uniform(0.35, 0.7)) if dusk else 1.0
+    )
     cast_gain = np.exp(rng.normal(0, 0.035, 3))
     wiper = settings.distractors and rng.random() < (0.5 if wet else 0.06)
     return Weather(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from railinspect.labels import SKY
@@ -17,7 +18,7 @@ LAYER_R, LAYER_G, LAYER_B, LAYER_GRAIN, LAYER_LABEL, LAYER_DISTANCE = range(6)
 
 def skyline(
     rng: np.random.Generator, height_rad: float, roughness: float, cells: int
-) -> np.ndarray:
+) -> npt.NDArray[np.float32]:
     """A closed random skyline: elevation tangent by azimuth, shape (AZIMUTH_STEPS,)."""
     angle = np.linspace(0, 2 * np.pi, AZIMUTH_STEPS, endpoint=False)
     line = np.zeros(AZIMUTH_STEPS)
@@ -30,13 +31,29 @@ def skyline(
         weight *= roughness
         cells *= 2
     line = (line - line.min()) / (np.ptp(line) + 1e-9)
-    return (height_rad * line).astype(np.float32)
+    scaled: npt.NDArray[np.float32] = (height_rad * line).astype(np.float32)
+    return scaled
 
 
 @njit(cache=True, error_model="numpy")
 def shade_backdrop(  # type: ignore[no-untyped-def]  # compiled; types are those of the tables
-    rgb, labels, depth, rotation, focal, centre_u, centre_v, heading, skylines, layers, zenith,
-    horizon, cloud, sun_azimuth, sun_height, sun_gain, stack,
+    rgb,
+    labels,
+    depth,
+    rotation,
+    focal,
+    centre_u,
+    centre_v,
+    heading,
+    skylines,
+    layers,
+    zenith,
+    horizon,
+    cloud,
+    sun_azimuth,
+    sun_height,
+    sun_gain,
+    stack,
 ):
     """Paint every pixel that no ground was found for.
 

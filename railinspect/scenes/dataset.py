@@ -74,7 +74,9 @@ def notes(picture: Rendered) -> dict[str, object]:
     """The truth of a picture as RailSem19 keeps it (ego rails as polylines) and more."""
     left, right = picture.ego_rails
     rails = [
-        {"label": "rail", "polyline": np.round(rail, 2).tolist()} for rail in (left, right) if len(rail)
+        {"label": "rail", "polyline": np.round(rail, 2).tolist()}
+        for rail in (left, right)
+        if len(rail)
     ]
     pair = [np.round(left, 2).tolist(), np.round(right, 2).tolist()]
     height, width = picture.labels.shape
@@ -121,14 +123,12 @@ def _write_image(seed: int, out: Path, settings: SceneSettings, quality: int) ->
     picture = render(seed, settings)
     _write(out / NOTES / f"{name}.json", json.dumps(notes(picture)).encode())
     _write(out / MASKS / f"{name}.png", encode(".png", picture.labels))
-    bgr = cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR)
+    bgr = np.asarray(cv2.cvtColor(picture.rgb, cv2.COLOR_RGB2BGR), np.uint8)
     _write(target, encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality]))
     return target
 
 
-def encode(
-    suffix: str, image: npt.NDArray[np.generic], options: Sequence[int] = ()
-) -> bytes:
+def encode(suffix: str, image: npt.NDArray[np.uint8], options: Sequence[int] = ()) -> bytes:
     """An image file's bytes; ``image`` is grey or BGR."""
     return bytes(cv2.imencode(suffix, image, list(options))[1])
 

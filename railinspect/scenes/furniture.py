@@ -19,7 +19,12 @@ def tint(colour: npt.ArrayLike, gain: float = 1.0) -> Colour:
 
 
 def person(
-    kit: Kit, rng: Rng, along: float, left: float, up: float, thing: int = 0,
+    kit: Kit,
+    rng: Rng,
+    along: float,
+    left: float,
+    up: float,
+    thing: int = 0,
     height: float | None = None,
 ) -> float:
     """Add a standing, walking, crouching or sitting person; returns the standing height, m."""
@@ -54,22 +59,36 @@ def person(
         shoulder = (along, left + side * width, neck - 0.03)
         hand = (along, left + side * (width + 0.06 + swing), hip - 0.02 + abs(swing))
         kit.line(shoulder, hand, 0.032 * tall, coat, labels.HUMAN, thing)
-    kit.line((along, left, hip - 0.06), (along, left, neck), 0.095 * tall, coat, labels.HUMAN, thing)
     kit.line(
-        (along, left + width * 0.8, neck - 0.03), (along, left - width * 0.8, neck - 0.03), 0.05,
-        coat, labels.HUMAN, thing,
+        (along, left, hip - 0.06), (along, left, neck), 0.095 * tall, coat, labels.HUMAN, thing
+    )
+    kit.line(
+        (along, left + width * 0.8, neck - 0.03),
+        (along, left - width * 0.8, neck - 0.03),
+        0.05,
+        coat,
+        labels.HUMAN,
+        thing,
     )
     if wear < 0.3:
         for band in (0.35, 0.62):
             z = hip + band * (neck - hip)
             kit.face(
-                (along - 0.2, left + width * 0.9, z), (0, -width * 1.8, 0), (0, 0, 0.05),
-                (225, 228, 220), labels.HUMAN, thing=thing,
+                (along - 0.2, left + width * 0.9, z),
+                (0, -width * 1.8, 0),
+                (0, 0, 0.05),
+                (225, 228, 220),
+                labels.HUMAN,
+                thing=thing,
             )
     size = 0.135 * tall
     kit.face(
-        (along - 0.02, left + size * 0.42, neck - 0.01), (0, -size * 0.84, 0), (0, 0, size * 1.15),
-        skin if rng.random() < 0.5 else tint(rng.uniform(20, 110, 3)), labels.HUMAN, r.ELLIPSE,
+        (along - 0.02, left + size * 0.42, neck - 0.01),
+        (0, -size * 0.84, 0),
+        (0, 0, size * 1.15),
+        skin if rng.random() < 0.5 else tint(rng.uniform(20, 110, 3)),
+        labels.HUMAN,
+        r.ELLIPSE,
         thing=thing,
     )
     shadow(kit, along, left, up, 0.9, 0.7)
@@ -81,23 +100,38 @@ def shadow(
 ) -> None:
     """Add a soft contact shadow on the ground."""
     kit.face(
-        (along - length / 2, left + width / 2, up + 0.01), (0, -width, 0), (length, 0, 0),
-        (0, 0, 0), r.NO_LABEL, r.SHADOW, p0=1.0, grain=dark,
+        (along - length / 2, left + width / 2, up + 0.01),
+        (0, -width, 0),
+        (length, 0, 0),
+        (0, 0, 0),
+        r.NO_LABEL,
+        r.SHADOW,
+        p0=1.0,
+        grain=dark,
     )
 
 
-def boulder(kit: Kit, rng: Rng, along: float, left: float, up: float, size: float, thing: int) -> float:
+def boulder(
+    kit: Kit, rng: Rng, along: float, left: float, up: float, size: float, thing: int
+) -> float:
     """Add a heap of one to three stones about ``size`` high; returns the height, m."""
-    colour = tint(rng.choice([(128, 122, 112), (98, 92, 86), (156, 146, 128)]), rng.uniform(0.7, 1.2))
+    colour = tint(
+        rng.choice([(128, 122, 112), (98, 92, 86), (156, 146, 128)]), rng.uniform(0.7, 1.2)
+    )
     shadow(kit, along, left, up, size * 2.2, size * 1.6)
     for i in range(int(rng.integers(1, 4))):
         scale = size * (1.0 if i == 0 else rng.uniform(0.4, 0.7))
         side = 0.0 if i == 0 else rng.uniform(-0.8, 0.8) * size
         wide = scale * rng.uniform(1.1, 1.6)
         kit.face(
-            (along - 0.05 * i, left + side + wide / 2, up - 0.06 * scale), (0, -wide, 0),
-            (0, 0, scale * 1.06), tint(colour, rng.uniform(0.85, 1.1)), labels.CONSTRUCTION,
-            r.STONE, grain=0.25, thing=thing,
+            (along - 0.05 * i, left + side + wide / 2, up - 0.06 * scale),
+            (0, -wide, 0),
+            (0, 0, scale * 1.06),
+            tint(colour, rng.uniform(0.85, 1.1)),
+            labels.CONSTRUCTION,
+            r.STONE,
+            grain=0.25,
+            thing=thing,
         )
     return size
 
@@ -110,35 +144,80 @@ def log(kit: Kit, rng: Rng, along: float, left: float, up: float, thing: int) ->
     bark = tint((92, 74, 56), rng.uniform(0.6, 1.3))
     shadow(kit, along, left, up, length, 1.2)
     kit.line(
-        (along - skew, left + length / 2, up + radius), (along + skew, left - length / 2, up + radius),
-        radius, bark, labels.CONSTRUCTION, thing,
+        (along - skew, left + length / 2, up + radius),
+        (along + skew, left - length / 2, up + radius),
+        radius,
+        bark,
+        labels.CONSTRUCTION,
+        thing,
     )
     for _ in range(int(rng.integers(0, 5))):
         at = rng.uniform(-0.45, 0.45) * length
         kit.line(
-            (along, left + at, up + radius), (along, left + at + rng.uniform(-0.6, 0.6),
-            up + radius + rng.uniform(0.4, 1.0)), 0.035, bark, labels.CONSTRUCTION, thing,
+            (along, left + at, up + radius),
+            (along, left + at + rng.uniform(-0.6, 0.6), up + radius + rng.uniform(0.4, 1.0)),
+            0.035,
+            bark,
+            labels.CONSTRUCTION,
+            thing,
         )
     return 2 * radius
 
 
-def crate(kit: Kit, rng: Rng, along: float, left: float, up: float, sun: float, thing: int) -> float:
+def crate(
+    kit: Kit, rng: Rng, along: float, left: float, up: float, sun: float, thing: int
+) -> float:
     """Add a crate, a pallet stack, a barrel or a barrier; returns the height, m."""
     kind = rng.choice(["crate", "barrel", "barrier", "bags"])
     high = float(rng.uniform(0.5, 1.3))
-    colour = tint(rng.choice([(168, 132, 88), (60, 90, 150), (190, 60, 44), (200, 196, 60),
-                              (210, 210, 206), (74, 80, 84)]), rng.uniform(0.7, 1.1))
+    colour = tint(
+        rng.choice(
+            [
+                (168, 132, 88),
+                (60, 90, 150),
+                (190, 60, 44),
+                (200, 196, 60),
+                (210, 210, 206),
+                (74, 80, 84),
+            ]
+        ),
+        rng.uniform(0.7, 1.1),
+    )
     shadow(kit, along, left, up, 2.2, 1.6)
     if kind == "barrel":
-        kit.line((along, left, up), (along, left, up + high), 0.32, colour, labels.CONSTRUCTION, thing)
+        kit.line(
+            (along, left, up), (along, left, up + high), 0.32, colour, labels.CONSTRUCTION, thing
+        )
     elif kind == "barrier":
-        kit.box(along, left, up, (0.5, 2.2, high * 0.7), colour, labels.CONSTRUCTION, sun, r.BAND,
-                (235, 235, 232), 0.35, 0.65, thing=thing)
+        kit.box(
+            along,
+            left,
+            up,
+            (0.5, 2.2, high * 0.7),
+            colour,
+            labels.CONSTRUCTION,
+            sun,
+            r.BAND,
+            (235, 235, 232),
+            0.35,
+            0.65,
+            thing=thing,
+        )
         high *= 0.7
     else:
-        kit.box(along, left, up, (0.9, float(rng.uniform(0.8, 1.6)), high), colour,
-                labels.CONSTRUCTION, sun, r.BOARDS if kind == "crate" else r.PLAIN, p0=0.14,
-                grain=0.15, thing=thing)
+        kit.box(
+            along,
+            left,
+            up,
+            (0.9, float(rng.uniform(0.8, 1.6)), high),
+            colour,
+            labels.CONSTRUCTION,
+            sun,
+            r.BOARDS if kind == "crate" else r.PLAIN,
+            p0=0.14,
+            grain=0.15,
+            thing=thing,
+        )
     return high
 
 
@@ -150,79 +229,222 @@ def animal(kit: Kit, rng: Rng, along: float, left: float, up: float, thing: int)
     long = high * 0.62
     shadow(kit, along, left, up, 2 * long, 0.8)
     for at in (-0.9, -0.7, 0.7, 0.9):
-        kit.line((along, left + at * long, up), (along, left + at * long * 0.9, up + high * 0.55),
-                 0.045 * high, coat, labels.CONSTRUCTION, thing)
-    kit.line((along, left - long, up + high * 0.66), (along, left + long, up + high * 0.66),
-             0.2 * high, coat, labels.CONSTRUCTION, thing)
+        kit.line(
+            (along, left + at * long, up),
+            (along, left + at * long * 0.9, up + high * 0.55),
+            0.045 * high,
+            coat,
+            labels.CONSTRUCTION,
+            thing,
+        )
+    kit.line(
+        (along, left - long, up + high * 0.66),
+        (along, left + long, up + high * 0.66),
+        0.2 * high,
+        coat,
+        labels.CONSTRUCTION,
+        thing,
+    )
     neck = left + facing * long
-    kit.line((along, neck, up + high * 0.7), (along, neck + facing * 0.3 * high, up + high * 1.0),
-             0.09 * high, coat, labels.CONSTRUCTION, thing)
-    kit.line((along, neck + facing * 0.25 * high, up + high),
-             (along, neck + facing * 0.5 * high, up + high * 0.9), 0.08 * high, coat,
-             labels.CONSTRUCTION, thing)
+    kit.line(
+        (along, neck, up + high * 0.7),
+        (along, neck + facing * 0.3 * high, up + high * 1.0),
+        0.09 * high,
+        coat,
+        labels.CONSTRUCTION,
+        thing,
+    )
+    kit.line(
+        (along, neck + facing * 0.25 * high, up + high),
+        (along, neck + facing * 0.5 * high, up + high * 0.9),
+        0.08 * high,
+        coat,
+        labels.CONSTRUCTION,
+        thing,
+    )
     return high * 1.05
 
 
 def car(
-    kit: Kit, rng: Rng, along: float, left: float, up: float, sun: float, thing: int = 0,
-    truck: bool = False, crosswise: bool = False,
+    kit: Kit,
+    rng: Rng,
+    along: float,
+    left: float,
+    up: float,
+    sun: float,
+    thing: int = 0,
+    truck: bool = False,
+    crosswise: bool = False,
 ) -> float:
     """Add a car, van or lorry, lengthwise or across the track; returns the height, m."""
     label = labels.TRUCK if truck else labels.CAR
-    paint = tint(rng.choice([(210, 210, 210), (40, 42, 46), (150, 30, 28), (40, 70, 130),
-                             (120, 122, 126), (235, 235, 238)]), rng.uniform(0.75, 1.05))
+    paint = tint(
+        rng.choice(
+            [
+                (210, 210, 210),
+                (40, 42, 46),
+                (150, 30, 28),
+                (40, 70, 130),
+                (120, 122, 126),
+                (235, 235, 238),
+            ]
+        ),
+        rng.uniform(0.75, 1.05),
+    )
     glass = (38.0, 46.0, 56.0)
     length, width, high = (8.0, 2.5, 3.3) if truck else (4.3, 1.8, 1.5)
     size: Point = (width, length, high * 0.55) if crosswise else (length, width, high * 0.55)
     shadow(kit, along + size[0] / 2, left, up, size[1] * 1.2, size[0] * 1.1, 0.7)
     kit.box(along, left, up + 0.25, size, paint, label, sun, thing=thing, grain=0.03)
     if truck:
-        load: Point = (size[0] * 0.96, size[1] * 0.7, high * 0.6) if crosswise else (
-            size[0] * 0.7, size[1], high * 0.6)
-        kit.box(along, left + (0.15 * size[1] if crosswise else 0), up + 0.25 + size[2], load,
-                tint(paint, 0.9), label, sun, r.BAND, (220, 220, 216), 0.3, 0.7, thing=thing)
+        load: Point = (
+            (size[0] * 0.96, size[1] * 0.7, high * 0.6)
+            if crosswise
+            else (size[0] * 0.7, size[1], high * 0.6)
+        )
+        kit.box(
+            along,
+            left + (0.15 * size[1] if crosswise else 0),
+            up + 0.25 + size[2],
+            load,
+            tint(paint, 0.9),
+            label,
+            sun,
+            r.BAND,
+            (220, 220, 216),
+            0.3,
+            0.7,
+            thing=thing,
+        )
     else:
-        cabin: Point = (size[0] * 0.85, size[1] * 0.55, high * 0.4) if crosswise else (
-            size[0] * 0.5, size[1] * 0.88, high * 0.4)
-        kit.box(along + size[0] * 0.1, left, up + 0.25 + size[2], cabin, paint, label, sun, r.BAND,
-                glass, 0.12, 0.85, thing=thing, grain=0.03)
+        cabin: Point = (
+            (size[0] * 0.85, size[1] * 0.55, high * 0.4)
+            if crosswise
+            else (size[0] * 0.5, size[1] * 0.88, high * 0.4)
+        )
+        kit.box(
+            along + size[0] * 0.1,
+            left,
+            up + 0.25 + size[2],
+            cabin,
+            paint,
+            label,
+            sun,
+            r.BAND,
+            glass,
+            0.12,
+            0.85,
+            thing=thing,
+            grain=0.03,
+        )
     for a in (0.0, size[0]):
         for side in (-0.36, 0.36):
             wheel = (along + a * 0.9 + 0.05, left + side * size[1], up + 0.32)
-            kit.face((wheel[0] - 0.06, wheel[1] + 0.32, up), (0, -0.64, 0), (0, 0, 0.64),
-                     (22, 22, 24), label, r.ELLIPSE, thing=thing)
+            kit.face(
+                (wheel[0] - 0.06, wheel[1] + 0.32, up),
+                (0, -0.64, 0),
+                (0, 0, 0.64),
+                (22, 22, 24),
+                label,
+                r.ELLIPSE,
+                thing=thing,
+            )
     return high
 
 
 def train(
-    kit: Kit, rng: Rng, along: float, left: float, length: float, sun: float, thing: int = 0,
+    kit: Kit,
+    rng: Rng,
+    along: float,
+    left: float,
+    length: float,
+    sun: float,
+    thing: int = 0,
     seen_head: bool = True,
 ) -> float:
     """Add a train of given length standing on a track; returns the height, m."""
     high, width, floor = 3.7, 2.85, 0.55
-    livery = tint(rng.choice([(190, 34, 34), (230, 230, 232), (40, 84, 150), (36, 112, 70),
-                              (232, 180, 40), (92, 96, 102)]), rng.uniform(0.75, 1.05))
+    livery = tint(
+        rng.choice(
+            [
+                (190, 34, 34),
+                (230, 230, 232),
+                (40, 84, 150),
+                (36, 112, 70),
+                (232, 180, 40),
+                (92, 96, 102),
+            ]
+        ),
+        rng.uniform(0.75, 1.05),
+    )
     band = tint(rng.uniform(30, 230, 3))
     at = along
     while at < along + length:
         part = min(24.0, along + length - at)
-        kit.box(at, left, floor, (part - 0.6, width, high - floor), livery, labels.ON_RAILS, sun,
-                r.WINDOWS if rng.random() < 0.6 else r.BAND, (34, 40, 50), 2.0,
-                2.2 if rng.random() < 0.6 else 0.8, thing=thing, grain=0.04)
-        kit.box(at + 0.5, left, 0.05, (part - 1.5, width * 0.8, floor), (36, 36, 38),
-                labels.ON_RAILS, sun, thing=thing)
+        kit.box(
+            at,
+            left,
+            floor,
+            (part - 0.6, width, high - floor),
+            livery,
+            labels.ON_RAILS,
+            sun,
+            r.WINDOWS if rng.random() < 0.6 else r.BAND,
+            (34, 40, 50),
+            2.0,
+            2.2 if rng.random() < 0.6 else 0.8,
+            thing=thing,
+            grain=0.04,
+        )
+        kit.box(
+            at + 0.5,
+            left,
+            0.05,
+            (part - 1.5, width * 0.8, floor),
+            (36, 36, 38),
+            labels.ON_RAILS,
+            sun,
+            thing=thing,
+        )
         at += part
     if seen_head:
         front = along - 0.05
-        kit.face((front, left + width / 2, floor), (0, -width, 0), (0, 0, high - floor),
-                 tint(livery, 0.95), labels.ON_RAILS, thing=thing, grain=0.04)
-        kit.face((front - 0.02, left + width * 0.42, 1.9), (0, -width * 0.84, 0), (0, 0, 1.1),
-                 (30, 36, 44), labels.ON_RAILS, thing=thing, grain=0.04)
-        kit.face((front - 0.02, left + width / 2, floor + 0.2), (0, -width, 0), (0, 0, 0.45), band,
-                 labels.ON_RAILS, thing=thing)
+        kit.face(
+            (front, left + width / 2, floor),
+            (0, -width, 0),
+            (0, 0, high - floor),
+            tint(livery, 0.95),
+            labels.ON_RAILS,
+            thing=thing,
+            grain=0.04,
+        )
+        kit.face(
+            (front - 0.02, left + width * 0.42, 1.9),
+            (0, -width * 0.84, 0),
+            (0, 0, 1.1),
+            (30, 36, 44),
+            labels.ON_RAILS,
+            thing=thing,
+            grain=0.04,
+        )
+        kit.face(
+            (front - 0.02, left + width / 2, floor + 0.2),
+            (0, -width, 0),
+            (0, 0, 0.45),
+            band,
+            labels.ON_RAILS,
+            thing=thing,
+        )
         for side in (-0.38, 0.38):
-            kit.face((front - 0.05, left + side * width + 0.16, 1.2), (0, -0.32, 0), (0, 0, 0.32),
-                     (255, 246, 220), labels.ON_RAILS, r.ELLIPSE, thing=thing)
+            kit.face(
+                (front - 0.05, left + side * width + 0.16, 1.2),
+                (0, -0.32, 0),
+                (0, 0, 0.32),
+                (255, 246, 220),
+                labels.ON_RAILS,
+                r.ELLIPSE,
+                thing=thing,
+            )
     shadow(kit, along + 1.0, left, -0.15, 3.4, 3.0, 0.7)
     return high
 
@@ -236,8 +458,14 @@ def tree(kit: Kit, rng: Rng, along: float, left: float, foliage: npt.NDArray[np.
     if kind == "bush":
         high = float(rng.uniform(0.8, 3.0))
         wide = high * float(rng.uniform(1.1, 2.0))
-        kit.face((along, left + wide / 2, -0.4), (0, -wide, 0), (0, 0, high), tint(colour), veg,
-                 r.FOLIAGE)
+        kit.face(
+            (along, left + wide / 2, -0.4),
+            (0, -wide, 0),
+            (0, 0, high),
+            tint(colour),
+            veg,
+            r.FOLIAGE,
+        )
         return
     high = float(rng.uniform(5, 15))
     kit.line((along, left, -0.4), (along, left, high * 0.75), 0.012 * high + 0.05, bark, veg)
@@ -245,20 +473,36 @@ def tree(kit: Kit, rng: Rng, along: float, left: float, foliage: npt.NDArray[np.
         for _ in range(int(rng.integers(2, 4))):
             wide = high * float(rng.uniform(0.4, 0.65))
             base = high * float(rng.uniform(0.25, 0.45))
-            kit.face((along + rng.uniform(-1, 1), left + wide / 2 + rng.uniform(-0.2, 0.2) * high, base),
-                     (0, -wide, 0), (0, 0, wide), tint(colour, rng.uniform(0.85, 1.15)), veg, r.FOLIAGE)
+            kit.face(
+                (along + rng.uniform(-1, 1), left + wide / 2 + rng.uniform(-0.2, 0.2) * high, base),
+                (0, -wide, 0),
+                (0, 0, wide),
+                tint(colour, rng.uniform(0.85, 1.15)),
+                veg,
+                r.FOLIAGE,
+            )
     elif kind == "conifer":
         for level in range(3):
             wide = high * (0.42 - 0.1 * level)
-            kit.face((along - 0.1 * level, left + wide / 2, high * (0.12 + 0.26 * level)),
-                     (0, -wide, 0), (0, 0, high * 0.42), tint(colour, 0.75 + 0.08 * level), veg,
-                     r.FOLIAGE)
+            kit.face(
+                (along - 0.1 * level, left + wide / 2, high * (0.12 + 0.26 * level)),
+                (0, -wide, 0),
+                (0, 0, high * 0.42),
+                tint(colour, 0.75 + 0.08 * level),
+                veg,
+                r.FOLIAGE,
+            )
     else:
         for _ in range(9):
             lean = rng.uniform(-0.3, 0.3, 2) * high
             start = high * float(rng.uniform(0.3, 0.7))
-            kit.line((along, left, start), (along + lean[0], left + lean[1], start + 0.3 * high), 0.04,
-                     bark, veg)
+            kit.line(
+                (along, left, start),
+                (along + lean[0], left + lean[1], start + 0.3 * high),
+                0.04,
+                bark,
+                veg,
+            )
 
 
 def mast(kit: Kit, rng: Rng, along: float, left: float, reach: float, colour: Colour) -> None:
@@ -268,8 +512,13 @@ def mast(kit: Kit, rng: Rng, along: float, left: float, reach: float, colour: Co
     kit.line((along, left, 5.4), (along, reach, 6.2), 0.03, colour, labels.POLE)
     kit.line((along, left, 5.5), (along, reach, 5.3), 0.025, colour, labels.POLE)
     if rng.random() < 0.15:
-        kit.face((along - 0.15, left + 0.25, 1.6), (0, -0.5, 0), (0, 0, 0.4),
-                 tint(rng.choice([(235, 235, 230), (240, 200, 40)])), labels.TRAFFIC_SIGN)
+        kit.face(
+            (along - 0.15, left + 0.25, 1.6),
+            (0, -0.5, 0),
+            (0, 0, 0.4),
+            tint(rng.choice([(235, 235, 230), (240, 200, 40)])),
+            labels.TRAFFIC_SIGN,
+        )
 
 
 def gantry(kit: Kit, along: float, left: float, right: float, colour: Colour) -> None:
@@ -280,8 +529,13 @@ def gantry(kit: Kit, along: float, left: float, right: float, colour: Colour) ->
         kit.line((along, left, high), (along, right, high), 0.06, colour, labels.POLE)
     steps = max(2, int(abs(left - right) / 1.5))
     for a in np.linspace(left, right, steps + 1)[:-1]:
-        kit.line((along, float(a), 6.9), (along, float(a) + (right - left) / steps, 7.6), 0.03, colour,
-                 labels.POLE)
+        kit.line(
+            (along, float(a), 6.9),
+            (along, float(a) + (right - left) / steps, 7.6),
+            0.03,
+            colour,
+            labels.POLE,
+        )
 
 
 def signal(kit: Kit, rng: Rng, along: float, left: float, night: bool) -> None:
@@ -290,15 +544,33 @@ def signal(kit: Kit, rng: Rng, along: float, left: float, night: bool) -> None:
     base = 0.5 if dwarf else float(rng.uniform(2.6, 4.2))
     kit.line((along, left, -0.4), (along, left, base + 0.2), 0.06, (120, 122, 124), labels.POLE)
     wide, high = (0.35, 0.45) if dwarf else (0.5, float(rng.uniform(0.8, 1.5)))
-    kit.face((along - 0.08, left + wide / 2, base), (0, -wide, 0), (0, 0, high), (18, 18, 20),
-             labels.TRAFFIC_LIGHT)
+    kit.face(
+        (along - 0.08, left + wide / 2, base),
+        (0, -wide, 0),
+        (0, 0, high),
+        (18, 18, 20),
+        labels.TRAFFIC_LIGHT,
+    )
     lamp = tint(rng.choice([(255, 60, 40), (60, 255, 120), (255, 200, 60)]))
     at = base + high * float(rng.uniform(0.2, 0.7))
-    kit.face((along - 0.12, left + 0.09, at), (0, -0.18, 0), (0, 0, 0.18), lamp, labels.TRAFFIC_LIGHT,
-             r.ELLIPSE)
+    kit.face(
+        (along - 0.12, left + 0.09, at),
+        (0, -0.18, 0),
+        (0, 0, 0.18),
+        lamp,
+        labels.TRAFFIC_LIGHT,
+        r.ELLIPSE,
+    )
     if night or rng.random() < 0.3:
-        kit.face((along - 0.14, left + 0.35, at - 0.26), (0, -0.7, 0), (0, 0, 0.7), lamp, r.NO_LABEL,
-                 r.GLOW, grain=0.8)
+        kit.face(
+            (along - 0.14, left + 0.35, at - 0.26),
+            (0, -0.7, 0),
+            (0, 0, 0.7),
+            lamp,
+            r.NO_LABEL,
+            r.GLOW,
+            grain=0.8,
+        )
 
 
 def sign(kit: Kit, rng: Rng, along: float, left: float) -> None:
@@ -306,43 +578,105 @@ def sign(kit: Kit, rng: Rng, along: float, left: float) -> None:
     high = float(rng.uniform(0.9, 2.4))
     size = float(rng.uniform(0.3, 0.7))
     kit.line((along, left, -0.4), (along, left, high), 0.035, (140, 140, 140), labels.POLE)
-    kit.face((along - 0.05, left + size / 2, high - 0.1), (0, -size, 0), (0, 0, size),
-             tint(rng.choice([(240, 240, 236), (245, 200, 30), (200, 30, 30), (30, 30, 34)])),
-             labels.TRAFFIC_SIGN, r.ELLIPSE if rng.random() < 0.4 else r.PLAIN, grain=0.05)
+    kit.face(
+        (along - 0.05, left + size / 2, high - 0.1),
+        (0, -size, 0),
+        (0, 0, size),
+        tint(rng.choice([(240, 240, 236), (245, 200, 30), (200, 30, 30), (30, 30, 34)])),
+        labels.TRAFFIC_SIGN,
+        r.ELLIPSE if rng.random() < 0.4 else r.PLAIN,
+        grain=0.05,
+    )
 
 
 def building(kit: Kit, rng: Rng, along: float, left: float, sun: float) -> None:
     """Add a house, a shed or a block with windows; its near wall stands at ``left``."""
     width = float(rng.uniform(7, 22))
-    high = float(rng.choice([4, 6, 9, 15, 24], p=[0.25, 0.3, 0.25, 0.15, 0.05])) * rng.uniform(0.85, 1.2)
+    high = float(rng.choice([4, 6, 9, 15, 24], p=[0.25, 0.3, 0.25, 0.15, 0.05])) * rng.uniform(
+        0.85, 1.2
+    )
     length = float(rng.uniform(8, 40))
-    wall = tint(rng.choice([(178, 160, 138), (150, 92, 70), (206, 200, 190), (120, 118, 114),
-                            (190, 170, 120), (92, 84, 80), (130, 40, 34)]), rng.uniform(0.75, 1.15))
+    wall = tint(
+        rng.choice(
+            [
+                (178, 160, 138),
+                (150, 92, 70),
+                (206, 200, 190),
+                (120, 118, 114),
+                (190, 170, 120),
+                (92, 84, 80),
+                (130, 40, 34),
+            ]
+        ),
+        rng.uniform(0.75, 1.15),
+    )
     middle = left + np.sign(left) * width / 2
     kind = r.WINDOWS if rng.random() < 0.75 else r.BOARDS
-    kit.box(along, float(middle), -0.5, (length, width, high), wall, labels.CONSTRUCTION, sun, kind,
-            (50, 58, 68), float(rng.uniform(1.8, 3.5)) if kind == r.WINDOWS else 0.4,
-            float(rng.uniform(2.6, 3.2)), grain=0.08)
+    kit.box(
+        along,
+        float(middle),
+        -0.5,
+        (length, width, high),
+        wall,
+        labels.CONSTRUCTION,
+        sun,
+        kind,
+        (50, 58, 68),
+        float(rng.uniform(1.8, 3.5)) if kind == r.WINDOWS else 0.4,
+        float(rng.uniform(2.6, 3.2)),
+        grain=0.08,
+    )
     if high < 10:
-        roof = tint(rng.choice([(120, 62, 48), (72, 70, 72), (150, 150, 150)]), rng.uniform(0.8, 1.1))
+        roof = tint(
+            rng.choice([(120, 62, 48), (72, 70, 72), (150, 150, 150)]), rng.uniform(0.8, 1.1)
+        )
         rise = float(rng.uniform(1.0, 3.0))
-        kit.face((along, float(middle) + width / 2, high - 0.5), (0, -width / 2, rise), (length, 0, 0),
-                 roof, labels.CONSTRUCTION)
-        kit.face((along, float(middle), high - 0.5 + rise), (0, -width / 2, -rise), (length, 0, 0),
-                 roof, labels.CONSTRUCTION)
+        kit.face(
+            (along, float(middle) + width / 2, high - 0.5),
+            (0, -width / 2, rise),
+            (length, 0, 0),
+            roof,
+            labels.CONSTRUCTION,
+        )
+        kit.face(
+            (along, float(middle), high - 0.5 + rise),
+            (0, -width / 2, -rise),
+            (length, 0, 0),
+            roof,
+            labels.CONSTRUCTION,
+        )
 
 
 def strip(
-    kit: Kit, start: float, end: float, left: float, low: float, high: float, colour: Colour,
-    label: float, material: int, p0: float = 0.0, p1: float = 0.0, grain: float = 0.12,
+    kit: Kit,
+    start: float,
+    end: float,
+    left: float,
+    low: float,
+    high: float,
+    colour: Colour,
+    label: float,
+    material: int,
+    p0: float = 0.0,
+    p1: float = 0.0,
+    grain: float = 0.12,
     lean: float = 0.0,
 ) -> None:
     """Add a wall along the track from ``start`` to ``end`` in pieces that follow its curve."""
     at = start
     while at < end:
         part = min(8.0, end - at)
-        kit.face((at, left, low), (part, 0, 0), (0, lean, high - low), colour, label, material, p0=p0,
-                 p1=p1, grain=grain)
+        kit.face(
+            (at, left, low),
+            (part, 0, 0),
+            (0, lean, high - low),
+            colour,
+            label,
+            material,
+            p0=p0,
+            p1=p1,
+            grain=grain,
+        )
         at += part
 
 
@@ -353,8 +687,18 @@ def platform(
     high = float(rng.choice([0.35, 0.55, 0.76, 0.92])) - 0.02
     top = tint((168, 164, 156), rng.uniform(0.6, 1.25))
     face = tint((138, 132, 122), rng.uniform(0.5, 1.2))
-    strip(kit, start, end, edge, -0.35, high, face, labels.CONSTRUCTION,
-          r.BRICK if rng.random() < 0.5 else r.PLAIN, grain=0.15)
+    strip(
+        kit,
+        start,
+        end,
+        edge,
+        -0.35,
+        high,
+        face,
+        labels.CONSTRUCTION,
+        r.BRICK if rng.random() < 0.5 else r.PLAIN,
+        grain=0.15,
+    )
     kit.face((start, edge, -0.3), (0, width, 0), (0, 0, high + 0.3), face, labels.CONSTRUCTION)
     line = tint((235, 232, 215)) if rng.random() < 0.7 else top
     sign_ = float(np.sign(width))
@@ -362,14 +706,27 @@ def platform(
     while at < end:
         part = min(8.0, end - at)
         for low, wide, colour in (
-            (0.0, 0.35, top), (0.35, 0.12, line), (0.47, abs(width) - 0.47, top)
+            (0.0, 0.35, top),
+            (0.35, 0.12, line),
+            (0.47, abs(width) - 0.47, top),
         ):
-            kit.face((at, edge + sign_ * low, high), (part, 0, 0), (0, sign_ * wide, 0), colour,
-                     labels.SIDEWALK, grain=0.07)
+            kit.face(
+                (at, edge + sign_ * low, high),
+                (part, 0, 0),
+                (0, sign_ * wide, 0),
+                colour,
+                labels.SIDEWALK,
+                grain=0.07,
+            )
         at += part
     for _ in range(int(rng.integers(0, 9))):
-        person(kit, rng, float(rng.uniform(start, end)), edge + sign_ * float(rng.uniform(0.9, abs(width))),
-               high)
+        person(
+            kit,
+            rng,
+            float(rng.uniform(start, end)),
+            edge + sign_ * float(rng.uniform(0.9, abs(width))),
+            high,
+        )
     at = start + float(rng.uniform(2, 15))
     while at < end:
         lamp = edge + sign_ * min(2.6, abs(width) * 0.8)
@@ -377,5 +734,16 @@ def platform(
         at += float(rng.uniform(14, 25))
     if rng.random() < 0.5:
         place = edge + sign_ * abs(width) * 0.75
-        kit.box(float(rng.uniform(start, end)), place, high, (6, 1.8, 2.5), tint((120, 124, 128)),
-                labels.CONSTRUCTION, sun, r.WINDOWS, (90, 110, 120), 1.0, 2.4)
+        kit.box(
+            float(rng.uniform(start, end)),
+            place,
+            high,
+            (6, 1.8, 2.5),
+            tint((120, 124, 128)),
+            labels.CONSTRUCTION,
+            sun,
+            r.WINDOWS,
+            (90, 110, 120),
+            1.0,
+            2.4,
+        )

@@ -96,8 +96,8 @@ def displacement(waves, along, side):  # type: ignore[no-untyped-def]  # compile
             share = waves[i, WAVE_LEFT] if side > 0 else waves[i, WAVE_RIGHT]
             period = waves[i, WAVE_PERIOD]
             if period > 0:
-                total += share * waves[i, WAVE_AMPLITUDE] * window * np.sin(
-                    2 * np.pi * into / period
+                total += (
+                    share * waves[i, WAVE_AMPLITUDE] * window * np.sin(2 * np.pi * into / period)
                 )
             else:
                 total += share * waves[i, WAVE_AMPLITUDE] * window * window
@@ -306,9 +306,7 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                 b = crossings[crossing, CROSS_B] * gain
                 label = ROAD
                 if crossings[crossing, CROSS_MARK] > 0 and abs(left) > 3.0:
-                    middle = (
-                        crossings[crossing, CROSS_NEAR] + crossings[crossing, CROSS_FAR]
-                    ) / 2
+                    middle = (crossings[crossing, CROSS_NEAR] + crossings[crossing, CROSS_FAR]) / 2
                     paint = _overlap(along, pixel_along, middle - 0.07, middle + 0.07)
                     r += paint * (225 - r)
                     g += paint * (225 - g)
@@ -351,12 +349,15 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     pitch = tracks[nearest, TRACK_SLEEPER_PITCH]
                     if pitch > 0:
                         cover = _comb(
-                            along + chainage, pixel_along, pitch,
+                            along + chainage,
+                            pixel_along,
+                            pitch,
                             tracks[nearest, TRACK_SLEEPER_WIDTH],
                         ) * min(
                             max(
                                 (tracks[nearest, TRACK_SLEEPER_HALF] - abs(distance))
-                                / (0.02 + width) + 0.5,
+                                / (0.02 + width)
+                                + 0.5,
                                 0.0,
                             ),
                             1.0,
@@ -403,7 +404,7 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                             min(flank_high, rail + half_head) - max(flank_low, rail - half_head),
                         )
                         if seen > 0:
-                            cover = min(1.0, seen / min(2 * half_head, reach) )
+                            cover = min(1.0, seen / min(2 * half_head, reach))
                             cover *= min(1.0, 2 * half_head / width + 0.15)
                             side_light = 0.75 if sun * (rail - left) > 0 else 0.5
                             r += cover * (look[LOOK_RUST_R] * side_light - r)
@@ -441,18 +442,17 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             # Illumination: tunnels and shadows.
             shade = shine_light
             if look[LOOK_DAPPLE] > 0:
-                patch = sample(
-                    stack, 2, ta * 0.02 + 77.0, tl * 0.045 + 31.0, grain_px * texel * 0.045
-                ) + 0.35 * fine
+                patch = (
+                    sample(stack, 2, ta * 0.02 + 77.0, tl * 0.045 + 31.0, grain_px * texel * 0.045)
+                    + 0.35 * fine
+                )
                 dark = min(max(patch * 2.0 + look[LOOK_DAPPLE] * 3.0 - 2.0, 0.0), 1.0)
                 shade *= 1.0 - 0.55 * look[LOOK_SHADOW] * dark
             if look[LOOK_SHADE_FROM] < look[LOOK_SHADE_TO]:
                 wobble = 0.25 * coarse
                 inside = min(
                     max((left - look[LOOK_SHADE_FROM] + wobble) / (0.1 + width) + 0.5, 0.0), 1.0
-                ) * min(
-                    max((look[LOOK_SHADE_TO] - left + wobble) / (0.1 + width) + 0.5, 0.0), 1.0
-                )
+                ) * min(max((look[LOOK_SHADE_TO] - left + wobble) / (0.1 + width) + 0.5, 0.0), 1.0)
                 shade *= 1.0 - 0.6 * look[LOOK_SHADOW] * inside
             rgb[v, u, 0] = r * shade
             rgb[v, u, 1] = g * shade

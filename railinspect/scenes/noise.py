@@ -81,4 +81,4 @@ def sample(
     one = np.float32(1.0)
     top = stack[kind, level, i0, j0] * (one - fy) + stack[kind, level, i0, j1] * fy
     low = stack[kind, level, i1, j0] * (one - fy) + stack[kind, level, i1, j1] * fy
-    return top * (one - fx) + low * fx
+    return float(top * (one - fx) + low * fx)

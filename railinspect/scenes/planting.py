@@ -18,7 +18,10 @@ BED_LEVEL_M = -g.RAIL_HEIGHT_M
 
 
 def plant(
-    draft: Draft, kind: AnomalyType, chainage_m: float, rng: np.random.Generator,
+    draft: Draft,
+    kind: AnomalyType,
+    chainage_m: float,
+    rng: np.random.Generator,
     clear_of_m: float | None = None,
 ) -> Thing:
     """Put one anomaly on the ego track.
@@ -47,9 +50,7 @@ def plant(
         period = float(rng.choice([0.0, rng.uniform(3.0, 9.0)]))
         length = float(rng.uniform(8, 14)) if period == 0 else period * float(rng.uniform(1.5, 3))
         draft.waves.append((chainage_m, length, amplitude, period, 1.0, 1.0))
-        made = Thing(
-            thing, kind, labels.RAIL_RAISED, chainage_m, 0.0, length, amplitude, True
-        )
+        made = Thing(thing, kind, labels.RAIL_RAISED, chainage_m, 0.0, length, amplitude, True)
     elif kind == "trespasser":
         left = float(rng.uniform(-1.0, 1.0))
         high = f.person(draft.kit, rng, chainage_m, left, up, thing)
@@ -59,7 +60,9 @@ def plant(
         left = float(rng.uniform(-half, half))
         label = labels.CONSTRUCTION
         if what == "stones":
-            high = f.boulder(draft.kit, rng, chainage_m, left, up, float(rng.uniform(0.4, 1.1)), thing)
+            high = f.boulder(
+                draft.kit, rng, chainage_m, left, up, float(rng.uniform(0.4, 1.1)), thing
+            )
         elif what == "log":
             high = f.log(draft.kit, rng, chainage_m, left * 0.5, up + 0.1, thing)
         elif what == "crate":
@@ -67,8 +70,9 @@ def plant(
         elif what == "animal":
             high = f.animal(draft.kit, rng, chainage_m, left, up, thing)
         else:
-            high = f.car(draft.kit, rng, chainage_m, left * 0.5, up, sun, thing,
-                         truck=False, crosswise=True)
+            high = f.car(
+                draft.kit, rng, chainage_m, left * 0.5, up, sun, thing, truck=False, crosswise=True
+            )
             label = labels.CAR
         made = Thing(thing, kind, label, chainage_m, left, 1.0, high, True)
     draft.things.append(made)
@@ -85,7 +89,7 @@ def sprinkle(draft: Draft, rng: np.random.Generator, reach_m: float) -> None:
     elif chance < 0.42:
         at = float(12 + rng.gamma(1.6, 30.0))
         thing = draft.next_id()
-        high = f.train(draft.kit, rng, at, 0.0, float(rng.uniform(20, 120)), draft.looks.sun_side, thing)
-        draft.things.append(
-            Thing(thing, "obstruction", labels.ON_RAILS, at, 0.0, 20.0, high, True)
+        high = f.train(
+            draft.kit, rng, at, 0.0, float(rng.uniform(20, 120)), draft.looks.sun_side, thing
         )
+        draft.things.append(Thing(thing, "obstruction", labels.ON_RAILS, at, 0.0, 20.0, high, True))

@@ -173,8 +173,9 @@ class Kit:
         )
 
     def tables(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32]]:
-        """Geometry, shape (N, 9), and attributes, shape (N, 13); the seed column is the row's own,
-        so that a primitive keeps its texture from frame to frame.
+        """Geometry, shape (N, 9), and attributes, shape (N, 13).
+
+        The seed column is the row's own, so a primitive keeps its texture from frame to frame.
         """
         attributes = np.array(self.attributes, np.float32).reshape(-1, 12)
         seeds = (np.arange(len(attributes)) * 37.7 % 512).astype(np.float32)
@@ -274,7 +275,15 @@ def draw(  # type: ignore[no-untyped-def]  # compiled; types are those of the ta
         material = int(attributes[n, ATTR_MATERIAL])
         if material == LINE:
             _draw_line(
-                rgb, labels, depth, things, geometry[n], attributes[n], focal, centre_u, centre_v,
+                rgb,
+                labels,
+                depth,
+                things,
+                geometry[n],
+                attributes[n],
+                focal,
+                centre_u,
+                centre_v,
                 sun,
             )
             continue
@@ -348,7 +357,10 @@ def draw(  # type: ignore[no-untyped-def]  # compiled; types are those of the ta
                 if material == FOLIAGE:
                     ru, rv = 2 * a - 1, 2 * b - 1
                     rough = sample(
-                        stack, 1, a * 130 + seed_u, b * 130 + seed_u,
+                        stack,
+                        1,
+                        a * 130 + seed_u,
+                        b * 130 + seed_u,
                         130 * z / focal / max(length_a, 0.1),
                     )
                     body = ru * ru + rv * rv + 0.28 * rough
@@ -357,9 +369,7 @@ def draw(  # type: ignore[no-untyped-def]  # compiled; types are those of the ta
                     shade = 0.78 + 0.32 * rough + 0.25 * rv + 0.2 * ru * -sun
                     r, g, bl = r * shade, g * shade, bl * shade
                 elif material == HEDGE:
-                    top = 0.8 + 0.2 * sample(
-                        stack, 1, ma * 5 + seed_u, seed_u, 5 * z / focal
-                    ) * 0.6
+                    top = 0.8 + 0.2 * sample(stack, 1, ma * 5 + seed_u, seed_u, 5 * z / focal) * 0.6
                     if b > top:
                         continue
                     rough = sample(stack, 1, ma * 14 + seed_u, mb * 14, 14 * z / focal)
@@ -404,8 +414,10 @@ def draw(  # type: ignore[no-untyped-def]  # compiled; types are those of the ta
                         pixel = z / focal / p0
                         if pixel > 0.6:
                             alpha = p1
-                        elif cell - np.floor(cell) > p1 and (mb < length_b - 0.08) and (
-                            mb > 0.12 or mb < 0.05
+                        elif (
+                            cell - np.floor(cell) > p1
+                            and (mb < length_b - 0.08)
+                            and (mb > 0.12 or mb < 0.05)
                         ):
                             continue
                     elif material == WINDOWS:

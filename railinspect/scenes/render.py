@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -105,7 +106,10 @@ def render(seed: int, settings: SceneSettings | None = None) -> Rendered:
 
 
 def view(
-    world: World, rng: np.random.Generator, chainage_m: float = 0.0, time_s: float = 0.0,
+    world: World,
+    rng: np.random.Generator,
+    chainage_m: float = 0.0,
+    time_s: float = 0.0,
     camera: Camera | None = None,
 ) -> Rendered:
     """Render a world as seen from a place on its ego track.
@@ -132,34 +136,61 @@ def view(
     stack = pyramids()
     local = _shift(world, chainage_m)
     g.shade_ground(
-        rgb, labels, depth, rotation, focal, centre_u, centre_v, camera.height_m, camera.offset_m,
-        _reach_of_slope(track, camera.height_m), *_plan(track), world.offsets,
-        START_M - chainage_m, world.tracks, world.spacing_m, local[0], world.zones, local[1],
-        world.light, looks.look, stack, chainage_m,
+        rgb,
+        labels,
+        depth,
+        rotation,
+        focal,
+        centre_u,
+        centre_v,
+        camera.height_m,
+        camera.offset_m,
+        _reach_of_slope(track, camera.height_m),
+        *_plan(track),
+        world.offsets,
+        START_M - chainage_m,
+        world.tracks,
+        world.spacing_m,
+        local[0],
+        world.zones,
+        local[1],
+        world.light,
+        looks.look,
+        stack,
+        chainage_m,
     )
     heading = world.alignment.heading(chainage_m)
     backdrop.shade_backdrop(
-        rgb, labels, depth, rotation, focal, centre_u, centre_v, heading, looks.skylines,
-        looks.layers, looks.zenith, looks.horizon, looks.cloud, looks.sun_azimuth_rad,
-        looks.sun_height, looks.sun_gain, stack,
+        rgb,
+        labels,
+        depth,
+        rotation,
+        focal,
+        centre_u,
+        centre_v,
+        heading,
+        looks.skylines,
+        looks.layers,
+        looks.zenith,
+        looks.horizon,
+        looks.cloud,
+        looks.sun_azimuth_rad,
+        looks.sun_height,
+        looks.sun_gain,
+        stack,
     )
     geometry, attributes = _place(world, track, chainage_m, straight)
     sun = looks.sun_side
-    draw(
-        rgb, labels, depth, things, geometry, attributes, focal, centre_u, centre_v, sun, stack
-    )
+    draw(rgb, labels, depth, things, geometry, attributes, focal, centre_u, centre_v, sun, stack)
     if grid is not None:
-        rgb = cv2.remap(rgb, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        labels, depth, things = (
-            cv2.remap(plane, grid, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-            for plane in (labels, depth, things)
-        )
+        rgb = np.asarray(_bent(rgb, grid, cv2.INTER_LINEAR))
+        labels = np.asarray(_bent(labels, grid, cv2.INTER_NEAREST))
+        depth = np.asarray(_bent(depth, grid, cv2.INTER_NEAREST))
+        things = np.asarray(_bent(things, grid, cv2.INTER_NEAREST))
     picture = develop(rgb, depth, looks.weather, rng)
     rails = _true_rails(world, track, chainage_m, camera)
     objects = _true_objects(world, things, track, chainage_m, camera)
-    return Rendered(
-        picture, labels, depth, rails, objects, camera, world.seed, chainage_m, time_s
-    )
+    return Rendered(picture, labels, depth, rails, objects, camera, world.seed, chainage_m, time_s)
 
 
 def _shift(world: World, chainage_m: float) -> tuple[Array, Array]:
@@ -262,6 +293,14 @@ def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
     return np.asarray(grid, np.float32), shrink
 
 
+_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be absent
+
+
+def _bent(plane: Any, grid: npt.NDArray[np.float32], how: int) -> Any:
+    """A plane of the undistorted picture as the lens shows it."""
+    return cv2.remap(plane, grid, _NO_SECOND_MAP, how, borderMode=cv2.BORDER_REPLICATE)
+
+
 def _matrix(camera: Camera) -> Array:
     u, v = camera.principal_uv
     return np.array([[camera.focal_px, 0, u], [0, camera.focal_px, v], [0, 0, 1.0]])
@@ -304,9 +343,7 @@ def _true_rails(
 ) -> tuple[Array, Array]:
     width, height = camera.size_wh
     empty = np.zeros((0, 2))
-    here = np.interp(
-        chainage_m, START_M + np.arange(world.offsets.shape[1]), world.offsets[0]
-    )
+    here = np.interp(chainage_m, START_M + np.arange(world.offsets.shape[1]), world.offsets[0])
     if np.isnan(here):
         return empty, empty
     along = np.concatenate([np.linspace(0.8, 40, 120), np.geomspace(40.5, RAILS_REACH_M, 160)])
@@ -331,7 +368,10 @@ def _true_rails(
 
 
 def _true_objects(
-    world: World, things: npt.NDArray[np.int16], track: LocalTrack, chainage_m: float,
+    world: World,
+    things: npt.NDArray[np.int16],
+    track: LocalTrack,
+    chainage_m: float,
     camera: Camera,
 ) -> tuple[SceneObject, ...]:
     found = []
@@ -366,9 +406,15 @@ def _true_objects(
             continue
         found.append(
             SceneObject(
-                thing.id, thing.type, thing.label,
-                (float(low[0]), float(low[1]), float(high[0]), float(high[1])), count,
-                float(distance), thing.height_m, thing.lateral_m, thing.on_track,
+                thing.id,
+                thing.type,
+                thing.label,
+                (float(low[0]), float(low[1]), float(high[0]), float(high[1])),
+                count,
+                float(distance),
+                thing.height_m,
+                thing.lateral_m,
+                thing.on_track,
             )
         )
     return tuple(found)

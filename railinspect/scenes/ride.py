@@ -1,4 +1,4 @@
-"""A ride through one world: continuous frames at a given speed, with anomalies planted on the way."""
+"""A ride through one world: continuous frames at a given speed, anomalies planted on the way."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ class Ride:
             BadInputError: if a number is out of range or the ride is too short for its anomalies.
         """
         for name, value in (
-            ("speed_mps", speed_mps), ("duration_s", duration_s), ("frame_rate", frame_rate)
+            ("speed_mps", speed_mps),
+            ("duration_s", duration_s),
+            ("frame_rate", frame_rate),
         ):
             if not (np.isfinite(value) and value > 0):
                 raise BadInputError(f"ride {name} is {value}; give a positive number")
@@ -128,4 +130,6 @@ class Ride:
 def demo_settings(size_wh: tuple[int, int] = (640, 360)) -> SceneSettings:
     """The demo's set-up: a calibrated cab camera, an open line, dry daylight, curves ≥ 400 m."""
     camera = Camera.from_field_of_view(size_wh, np.radians(50.0), 2.6, pitch_rad=0.045)
-    return SceneSettings(size_wh=size_wh, camera=camera, kind="line", weather=False, min_radius_m=400.0)
+    return SceneSettings(
+        size_wh=size_wh, camera=camera, kind="line", weather=False, min_radius_m=400.0
+    )

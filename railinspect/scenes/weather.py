@@ -77,8 +77,21 @@ def _noise_tile() -> Floats:
 
 @njit(cache=True, error_model="numpy")
 def _develop(  # type: ignore[no-untyped-def]  # compiled
-    rgb, depth, out, visibility, fog, ambient, headlight, gains, saturation, vignette, noise, tile,
-    shift_v, shift_u, table,
+    rgb,
+    depth,
+    out,
+    visibility,
+    fog,
+    ambient,
+    headlight,
+    gains,
+    saturation,
+    vignette,
+    noise,
+    tile,
+    shift_v,
+    shift_u,
+    table,
 ):
     rows, cols = depth.shape
     for v in range(rows):
@@ -91,8 +104,8 @@ def _develop(  # type: ignore[no-untyped-def]  # compiled
                 light = ambient
                 if headlight > 0:
                     beam = 22.0 / (far + 10.0)
-                    light += headlight * min(1.2, beam * beam * 1.6 + 0.25 * beam) * np.exp(
-                        -x * x * 3.0
+                    light += (
+                        headlight * min(1.2, beam * beam * 1.6 + 0.25 * beam) * np.exp(-x * x * 3.0)
                     )
                 r, g, b = r * light, g * light, b * light
                 haze = 1.0 - np.exp(-far / visibility)
@@ -139,9 +152,21 @@ def develop(rgb: Floats, depth_m: Floats, weather: Weather, rng: np.random.Gener
     out = np.empty((rows, cols, 3), np.uint8)
     shift_v, shift_u = (int(s) for s in rng.integers(0, 1024, 2))
     _develop(
-        rgb, depth_m, out, weather.visibility_m, np.array(weather.fog_rgb), weather.ambient,
-        weather.headlight, gains, weather.saturation, weather.vignette, weather.noise,
-        _noise_tile(), shift_v, shift_u, table,
+        rgb,
+        depth_m,
+        out,
+        weather.visibility_m,
+        np.array(weather.fog_rgb),
+        weather.ambient,
+        weather.headlight,
+        gains,
+        weather.saturation,
+        weather.vignette,
+        weather.noise,
+        _noise_tile(),
+        shift_v,
+        shift_u,
+        table,
     )
     scale = cols / 640.0
     if weather.motion_blur * scale > 1:
@@ -163,7 +188,13 @@ def develop(rgb: Floats, depth_m: Floats, weather: Weather, rng: np.random.Gener
     if weather.caption:
         place = (round(20 * scale), rows - round(14 * scale))
         cv2.putText(
-            out, weather.caption, place, cv2.FONT_HERSHEY_SIMPLEX, 0.35 * scale, (235, 235, 235), 1,
+            out,
+            weather.caption,
+            place,
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.35 * scale,
+            (235, 235, 235),
+            1,
             cv2.LINE_AA,
         )
     if weather.quality:
@@ -236,8 +267,12 @@ def _wiper(image: Image, angle: float, pair: bool) -> None:
         cv2.line(image, blade[0], blade[1], (14, 14, 15), thick, cv2.LINE_AA)
         shift = (thick, 0)
         cv2.line(
-            image, (blade[0][0] + shift[0], blade[0][1]), (blade[1][0] + shift[0], blade[1][1]),
-            (95, 97, 100), 1, cv2.LINE_AA,
+            image,
+            (blade[0][0] + shift[0], blade[0][1]),
+            (blade[1][0] + shift[0], blade[1][1]),
+            (95, 97, 100),
+            1,
+            cv2.LINE_AA,
         )
 
 

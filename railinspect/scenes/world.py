@@ -121,9 +121,7 @@ class Draft:
         return float(every.min()) - 1.6, float(every.max()) + 1.6
 
 
-def draw_camera(
-    rng: np.random.Generator, settings: SceneSettings, gauge_m: float
-) -> Camera:
+def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: float) -> Camera:
     """A random cab camera over a track of the given gauge."""
     if settings.camera is not None:
         return settings.camera
@@ -162,9 +160,7 @@ def draw_alignment(
             at += 2 * ramp + arc
         at += float(rng.uniform(10, 250))
     if rng.random() < curvy * 0.5:  # the observer may already stand in the curve
-        knots = [k - float(rng.uniform(0, 120)) for k in knots[:1]] + [
-            k - 60.0 for k in knots[1:]
-        ]
+        knots = [k - float(rng.uniform(0, 120)) for k in knots[:1]] + [k - 60.0 for k in knots[1:]]
     slopes = np.arange(-100.0, end_m + 300, float(rng.uniform(120, 260)))
     grades = np.clip(rng.normal(0, 0.008, len(slopes)), -0.03, 0.03)
     order = np.argsort(knots, kind="stable")
@@ -183,7 +179,10 @@ def _rail_colours(rng: np.random.Generator, used: bool) -> tuple[float, float, f
 
 
 def add_track(
-    draft: Draft, offset: Array, used: bool = True, embedded: float = 0.0,
+    draft: Draft,
+    offset: Array,
+    used: bool = True,
+    embedded: float = 0.0,
     like: tuple[float, ...] | None = None,
 ) -> None:
     """Lay a track; ``embedded`` 0 is open bed, 1 grooved in the ground, 2 in a paved strip."""
@@ -193,14 +192,23 @@ def add_track(
     else:
         kind = rng.choice(["concrete", "wood", "steel", "slab"], p=[0.5, 0.34, 0.06, 0.1])
         colour = {
-            "concrete": (158, 152, 142), "wood": (84, 68, 56), "steel": (92, 74, 64),
+            "concrete": (158, 152, 142),
+            "wood": (84, 68, 56),
+            "steel": (92, 74, 64),
             "slab": (150, 148, 142),
         }[str(kind)]
         pitch = 0.0 if kind == "slab" else float(rng.uniform(0.58, 0.72))
         base = [
-            float(rng.uniform(1.55, 2.4)), pitch, float(rng.uniform(0.22, 0.30)),
+            float(rng.uniform(1.55, 2.4)),
+            pitch,
+            float(rng.uniform(0.22, 0.30)),
             float(draft.spacing_m / 2 + rng.uniform(0.4, 0.62)),
-            *jitter(rng, colour, 0.2), 0.0, 0.0, 0.0, 0.0, embedded,
+            *jitter(rng, colour, 0.2),
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            embedded,
         ]
     base[g.TRACK_SHINE : g.TRACK_HEAD_B + 1] = _rail_colours(rng, used)
     base[g.TRACK_EMBEDDED] = embedded
@@ -228,10 +236,7 @@ def lay_tracks(draft: Draft) -> None:
     side = float(rng.choice([-1.0, 1.0]))
     left = right = 0
     for _ in range(many):
-        if rng.random() < (0.75 if draft.kind == "tram" else 0.55):
-            place = side
-        else:
-            place = -side
+        place = side if rng.random() < (0.75 if draft.kind == "tram" else 0.55) else -side
         if place > 0:
             left += 1
             target = left * pitch
@@ -248,9 +253,7 @@ def lay_tracks(draft: Draft) -> None:
         _add_switch(draft, float(rng.choice([-1.0, 1.0])) * rng.uniform(4, 14), embedded, ego)
 
 
-def _add_switch(
-    draft: Draft, target: float, embedded: float, like: tuple[float, ...]
-) -> None:
+def _add_switch(draft: Draft, target: float, embedded: float, like: tuple[float, ...]) -> None:
     rng, along = draft.rng, draft.along
     start = float(rng.uniform(5, max(120.0, draft.length_m)))
     length = float(np.clip(abs(target) * rng.uniform(8, 16), 30, 140))
@@ -271,7 +274,12 @@ def lay_ground(draft: Draft) -> None:
     urban = draft.kind == "tram"
 
     def zone(
-        low: float, high: float, colour: npt.ArrayLike, grain: float, kind: int, label: int,
+        low: float,
+        high: float,
+        colour: npt.ArrayLike,
+        grain: float,
+        kind: int,
+        label: int,
         mark: int = 0,
     ) -> None:
         red, green, blue = np.asarray(colour, float)
@@ -285,8 +293,14 @@ def lay_ground(draft: Draft) -> None:
         zone(span_r, span_l, asphalt, 0.06, 0, labels.ROAD, int(rng.integers(0, 3)))
         if draft.settings.distractors:
             for edge in (span_l, span_r):
-                zone(edge - 0.14, edge + 0.14, jitter(rng, (186, 182, 174), 0.1), 0.04, 0,
-                     labels.SIDEWALK)
+                zone(
+                    edge - 0.14,
+                    edge + 0.14,
+                    jitter(rng, (186, 182, 174), 0.1),
+                    0.04,
+                    0,
+                    labels.SIDEWALK,
+                )
             if rng.random() < 0.6:
                 for _ in range(int(rng.integers(1, 4))):
                     at = float(rng.uniform(span_r, span_l))
@@ -298,33 +312,60 @@ def lay_ground(draft: Draft) -> None:
         return
     zone(-400, 400, grass, rng.uniform(0.08, 0.2), 1, labels.TERRAIN)
     verge = jitter(rng, 0.5 * grass + 0.5 * draft.looks.look[:3], 0.12)
-    zone(right - rng.uniform(0.5, 3), left + rng.uniform(0.5, 3), verge,
-         rng.uniform(0.1, 0.25), int(rng.integers(0, 2)), labels.TERRAIN)
+    zone(
+        right - rng.uniform(0.5, 3),
+        left + rng.uniform(0.5, 3),
+        verge,
+        rng.uniform(0.1, 0.25),
+        int(rng.integers(0, 2)),
+        labels.TERRAIN,
+    )
     if draft.kind == "station":
         bed = draft.looks.look[:3]
         zone(right - 0.3, left + 0.3, jitter(rng, bed, 0.08), 0.2, 0, labels.TRACKBED)
     if draft.settings.distractors:
         if rng.random() < 0.3:  # road beside the track
             low = (left + rng.uniform(2, 8)) if rng.random() < 0.5 else (right - rng.uniform(9, 16))
-            zone(low, low + rng.uniform(3, 7), jitter(rng, (108, 108, 110), 0.2), 0.06, 0, labels.ROAD,
-                 int(rng.integers(0, 3)))
+            zone(
+                low,
+                low + rng.uniform(3, 7),
+                jitter(rng, (108, 108, 110), 0.2),
+                0.06,
+                0,
+                labels.ROAD,
+                int(rng.integers(0, 3)),
+            )
             if rng.random() < 0.5:
-                zone(low - 0.12, low + 0.12, jitter(rng, (180, 178, 172), 0.1), 0.05, 0,
-                     labels.SIDEWALK)
+                zone(
+                    low - 0.12,
+                    low + 0.12,
+                    jitter(rng, (180, 178, 172), 0.1),
+                    0.05,
+                    0,
+                    labels.SIDEWALK,
+                )
         for _ in range(int(rng.integers(0, 3))):  # cable troughs, paths, drains
-            at = (left + rng.uniform(-0.2, 3)) if rng.random() < 0.5 else (right - rng.uniform(-0.2, 3))
+            at = (
+                (left + rng.uniform(-0.2, 3))
+                if rng.random() < 0.5
+                else (right - rng.uniform(-0.2, 3))
+            )
             wide = float(rng.choice([0.06, 0.12, 0.35, 0.8]))
-            zone(at - wide / 2, at + wide / 2, jitter(rng, (160, 154, 144), 0.3), 0.07, 0,
-                 labels.TERRAIN)
+            zone(
+                at - wide / 2,
+                at + wide / 2,
+                jitter(rng, (160, 154, 144), 0.3),
+                0.07,
+                0,
+                labels.TERRAIN,
+            )
     every = 700.0 if draft.kind == "line" else 2500.0
     if draft.kind in ("line", "station"):
         at = float(rng.uniform(15, every))
         while at < draft.length_m + 250:
             wide = float(rng.uniform(3.5, 8))
             colour = jitter(rng, (112, 110, 108), 0.2)
-            draft.crossings.append(
-                (at, at + wide, *colour, float(rng.integers(0, 2)))
-            )
+            draft.crossings.append((at, at + wide, *colour, float(rng.integers(0, 2))))
             _furnish_crossing(draft, at, wide, right, left)
             at += float(rng.uniform(0.6, 1.6)) * every
 
@@ -334,18 +375,34 @@ def _furnish_crossing(draft: Draft, at: float, wide: float, right: float, left: 
     for side, edge in ((1.0, left + 1.6), (-1.0, right - 1.6)):
         post = (at - 0.6, edge, 0.0)
         kit.line(post, (post[0], edge, 3.0), 0.06, (210, 210, 210), labels.POLE)
-        kit.face((post[0] - 0.05, edge + 0.5, 2.3), (0, -1.0, 0), (0, 0, 0.8), (225, 225, 222),
-                 labels.TRAFFIC_SIGN, r.ELLIPSE)
+        kit.face(
+            (post[0] - 0.05, edge + 0.5, 2.3),
+            (0, -1.0, 0),
+            (0, 0, 0.8),
+            (225, 225, 222),
+            labels.TRAFFIC_SIGN,
+            r.ELLIPSE,
+        )
         if rng.random() < 0.6:
             lifted = rng.random() < 0.4
             tip = (at - 0.5, edge + side * 0.2, 5.5) if lifted else (at - 0.5, edge, 1.0)
             far = (at - 0.5, edge + side * 0.4, 1.0)
-            kit.line(far, tip if lifted else (at + wide, edge, 1.0), 0.06, (226, 60, 44), labels.POLE)
+            kit.line(
+                far, tip if lifted else (at + wide, edge, 1.0), 0.06, (226, 60, 44), labels.POLE
+            )
     if draft.settings.occluders and rng.random() < 0.5:
         for side, edge in ((1.0, left + 3.5), (-1.0, right - 3.5)):
             if rng.random() < 0.6:
-                f.car(kit, rng, at + wide * (0.25 if side > 0 else 0.6), edge + side * 3.0, 0.0,
-                      draft.looks.sun_side, truck=rng.random() < 0.2, crosswise=True)
+                f.car(
+                    kit,
+                    rng,
+                    at + wide * (0.25 if side > 0 else 0.6),
+                    edge + side * 3.0,
+                    0.0,
+                    draft.looks.sun_side,
+                    truck=rng.random() < 0.2,
+                    crosswise=True,
+                )
 
 
 def furnish(draft: Draft) -> None:
@@ -378,13 +435,17 @@ def furnish(draft: Draft) -> None:
         _line_side(draft, limit, away, end)
     if draft.settings.distractors:
         for _ in range(int(rng.integers(0, 3))):  # hand rails, cables, third rails, pipes
-            base = left + rng.uniform(-0.4, 2) if rng.random() < 0.5 else right - rng.uniform(-0.4, 2)
+            base = (
+                left + rng.uniform(-0.4, 2) if rng.random() < 0.5 else right - rng.uniform(-0.4, 2)
+            )
             high = float(rng.choice([0.12, 0.4, 1.0]))
             colour = f.tint(rng.choice([(150, 150, 150), (60, 58, 56), (200, 196, 180)]))
             start = float(rng.uniform(-10, 60))
             stop = min(end, start + float(rng.uniform(40, 300)))
             while start < stop:
-                kit.line((start, base, high), (start + 8.0, base, high), 0.035, colour, labels.FENCE)
+                kit.line(
+                    (start, base, high), (start + 8.0, base, high), 0.035, colour, labels.FENCE
+                )
                 if high > 0.9:
                     kit.line((start, base, -0.3), (start, base, high), 0.03, colour, labels.FENCE)
                 start += 8.0
@@ -415,7 +476,9 @@ def _electrify(draft: Draft, right: float, left: float, end: float) -> None:
                 half = at + pitch / 2
                 wire = (46.0, 46.0, 48.0)
                 kit.line((at, middle, low), (half, middle, high - sag), 0.012, wire, r.NO_LABEL)
-                kit.line((half, middle, high - sag), (at + pitch, middle, low), 0.012, wire, r.NO_LABEL)
+                kit.line(
+                    (half, middle, high - sag), (at + pitch, middle, low), 0.012, wire, r.NO_LABEL
+                )
         at += pitch
 
 
@@ -433,31 +496,88 @@ def _line_side(draft: Draft, limit: float, away: float, end: float) -> None:
         )
         if what == "fence":
             high = float(rng.uniform(0.9, 2.2))
-            f.strip(kit, at, stop, near, -0.4, high,
-                    f.tint(jitter(rng, rng.uniform(60, 190), 0.2)), labels.FENCE,
-                    r.MESH, p0=float(rng.choice([0.15, 0.5, 2.5])), p1=float(rng.uniform(0.12, 0.4)))
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.4,
+                high,
+                f.tint(jitter(rng, rng.uniform(60, 190), 0.2)),
+                labels.FENCE,
+                r.MESH,
+                p0=float(rng.choice([0.15, 0.5, 2.5])),
+                p1=float(rng.uniform(0.12, 0.4)),
+            )
         elif what == "wall":
-            f.strip(kit, at, stop, near, -0.5, float(rng.uniform(1.0, 4.0)),
-                    f.tint(rng.choice([(150, 144, 136), (128, 84, 66), (108, 40, 32)]),
-                           rng.uniform(0.6, 1.2)), labels.CONSTRUCTION,
-                    r.BRICK if rng.random() < 0.6 else r.PLAIN, grain=0.15)
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.5,
+                float(rng.uniform(1.0, 4.0)),
+                f.tint(
+                    rng.choice([(150, 144, 136), (128, 84, 66), (108, 40, 32)]),
+                    rng.uniform(0.6, 1.2),
+                ),
+                labels.CONSTRUCTION,
+                r.BRICK if rng.random() < 0.6 else r.PLAIN,
+                grain=0.15,
+            )
         elif what == "barrier":
-            f.strip(kit, at, stop, near, -0.4, float(rng.uniform(1.8, 4.0)),
-                    f.tint(jitter(rng, (120, 124, 118), 0.35)), labels.CONSTRUCTION, r.BOARDS,
-                    p0=float(rng.choice([0.2, 0.5, 2.0])))
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.4,
+                float(rng.uniform(1.8, 4.0)),
+                f.tint(jitter(rng, (120, 124, 118), 0.35)),
+                labels.CONSTRUCTION,
+                r.BOARDS,
+                p0=float(rng.choice([0.2, 0.5, 2.0])),
+            )
         elif what == "low":
-            f.strip(kit, at, stop, near, -0.4, float(rng.uniform(0.15, 0.6)),
-                    f.tint((160, 156, 148), rng.uniform(0.6, 1.2)), labels.CONSTRUCTION, r.PLAIN)
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.4,
+                float(rng.uniform(0.15, 0.6)),
+                f.tint((160, 156, 148), rng.uniform(0.6, 1.2)),
+                labels.CONSTRUCTION,
+                r.PLAIN,
+            )
         elif what == "hedge":
-            f.strip(kit, at, stop, near, -0.5, float(rng.uniform(1.0, 4.5)),
-                    f.tint(looks.foliage[rng.integers(3)]), labels.VEGETATION, r.HEDGE)
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.5,
+                float(rng.uniform(1.0, 4.5)),
+                f.tint(looks.foliage[rng.integers(3)]),
+                labels.VEGETATION,
+                r.HEDGE,
+            )
         elif what == "cutting":
             high = float(rng.uniform(2, 9))
             kind = rng.random() < 0.75
-            f.strip(kit, at, stop, near, -0.4, high,
-                    f.tint(looks.foliage[rng.integers(3)] if kind else (120, 112, 104)),
-                    labels.VEGETATION if kind else labels.TERRAIN, r.PLAIN, grain=0.35,
-                    lean=away * high * float(rng.uniform(0.5, 1.6)))
+            f.strip(
+                kit,
+                at,
+                stop,
+                near,
+                -0.4,
+                high,
+                f.tint(looks.foliage[rng.integers(3)] if kind else (120, 112, 104)),
+                labels.VEGETATION if kind else labels.TERRAIN,
+                r.PLAIN,
+                grain=0.35,
+                lean=away * high * float(rng.uniform(0.5, 1.6)),
+            )
         dense = {"forest": 2.2, "open": 25.0, "fence": 14.0}.get(str(what), 18.0)
         if draft.kind == "tram":
             dense *= 2.5
@@ -490,13 +610,24 @@ def _populate(draft: Draft, right: float, left: float) -> None:
         side = left + rng.uniform(1.0, 7) if rng.random() < 0.5 else right - rng.uniform(1.0, 7)
         f.person(kit, rng, float(rng.uniform(6, reach)), float(side), -0.15)
     for low, high, *_rest, label, _mark in draft.zones:
-        if label == labels.ROAD and high - low > 2 and (low > left - 1 or high < right + 1 or draft.kind in ("tram", "none")):
+        if (
+            label == labels.ROAD
+            and high - low > 2
+            and (low > left - 1 or high < right + 1 or draft.kind in ("tram", "none"))
+        ):
             for _ in range(rng.poisson(2.0 * reach / 300)):
                 middle = float(rng.uniform(low + 1.0, high - 1.0))
                 if draft.kind != "none" and abs(middle) < 3.2:
                     continue
-                f.car(kit, rng, float(rng.uniform(10, reach)), middle, 0.0, sun,
-                      truck=rng.random() < 0.2)
+                f.car(
+                    kit,
+                    rng,
+                    float(rng.uniform(10, reach)),
+                    middle,
+                    0.0,
+                    sun,
+                    truck=rng.random() < 0.2,
+                )
 
 
 def _span(draft: Draft, right: float, left: float) -> None:
@@ -508,13 +639,32 @@ def _span(draft: Draft, right: float, left: float) -> None:
         wide = float(rng.uniform(4, 14))
         high = float(rng.uniform(5.8, 7.5))
         tone = f.tint((150, 146, 138), rng.uniform(0.6, 1.1))
-        kit.box(at, (left + right) / 2, high, (wide, left - right + 24, float(rng.uniform(0.8, 1.6))),
-                tone, labels.CONSTRUCTION, draft.looks.sun_side, r.BRICK)
+        kit.box(
+            at,
+            (left + right) / 2,
+            high,
+            (wide, left - right + 24, float(rng.uniform(0.8, 1.6))),
+            tone,
+            labels.CONSTRUCTION,
+            draft.looks.sun_side,
+            r.BRICK,
+        )
         for edge, away in ((left + 1.4, 1.0), (right - 1.4, -1.0)):
-            kit.face((at, edge, -0.5), (wide, 0, 0), (0, 0, high + 0.5), f.tint(tone, 0.6),
-                     labels.CONSTRUCTION)
-            kit.face((at, edge, -0.5), (0, away * 9, 0), (0, 0, high + 0.5), f.tint(tone, 0.85),
-                     labels.CONSTRUCTION, r.BRICK)
+            kit.face(
+                (at, edge, -0.5),
+                (wide, 0, 0),
+                (0, 0, high + 0.5),
+                f.tint(tone, 0.6),
+                labels.CONSTRUCTION,
+            )
+            kit.face(
+                (at, edge, -0.5),
+                (0, away * 9, 0),
+                (0, 0, high + 0.5),
+                f.tint(tone, 0.85),
+                labels.CONSTRUCTION,
+                r.BRICK,
+            )
         self_shadow = (draft.along > at - 1) & (draft.along < at + wide + 1)
         draft.light[self_shadow] *= 0.45
         at += wide + float(rng.exponential(1500)) + 60
@@ -529,21 +679,50 @@ def _tunnel(draft: Draft, start: float, right: float, left: float) -> None:
     stone = f.tint((120, 114, 106), rng.uniform(0.6, 1.2))
     inside = f.tint((70, 66, 62), 0.5)
     for edge, away in ((left + 0.9, 1.0), (right - 0.9, -1.0)):
-        kit.face((start, edge, -0.6), (0, away * 14, 0), (0, 0, high + 5), stone, labels.CONSTRUCTION,
-                 r.BRICK)
+        kit.face(
+            (start, edge, -0.6),
+            (0, away * 14, 0),
+            (0, 0, high + 5),
+            stone,
+            labels.CONSTRUCTION,
+            r.BRICK,
+        )
         at = start
         while at < start + long:
-            kit.face((at, edge, -0.6), (8, 0, 0), (0, 0, high + 0.6), f.tint(inside, 0.6),
-                     labels.CONSTRUCTION)
+            kit.face(
+                (at, edge, -0.6),
+                (8, 0, 0),
+                (0, 0, high + 0.6),
+                f.tint(inside, 0.6),
+                labels.CONSTRUCTION,
+            )
             at += 8
-    kit.face((start, left + 0.9, high), (0, right - left - 1.8, 0), (0, 0, 4.4), stone,
-             labels.CONSTRUCTION, r.BRICK)
-    kit.face((start, left + 16, high + 4), (0, right - left - 32, 0), (4, 0, 9),
-             f.tint(draft.looks.foliage[0]), labels.VEGETATION, r.PLAIN, grain=0.3)
+    kit.face(
+        (start, left + 0.9, high),
+        (0, right - left - 1.8, 0),
+        (0, 0, 4.4),
+        stone,
+        labels.CONSTRUCTION,
+        r.BRICK,
+    )
+    kit.face(
+        (start, left + 16, high + 4),
+        (0, right - left - 32, 0),
+        (4, 0, 9),
+        f.tint(draft.looks.foliage[0]),
+        labels.VEGETATION,
+        r.PLAIN,
+        grain=0.3,
+    )
     at = start
     while at < start + long:
-        kit.face((at, left + 0.9, high), (0, right - left - 1.8, 0), (8, 0, 0), f.tint(inside, 0.4),
-                 labels.CONSTRUCTION)
+        kit.face(
+            (at, left + 0.9, high),
+            (0, right - left - 1.8, 0),
+            (8, 0, 0),
+            f.tint(inside, 0.4),
+            labels.CONSTRUCTION,
+        )
         at += 8
     into = np.clip((draft.along - start) / 12, 0, 1) * (draft.along < start + long)
     draft.light *= 1 - 0.9 * into

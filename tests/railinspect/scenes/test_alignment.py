@@ -5,9 +5,7 @@ from railinspect.scenes.alignment import Alignment
 
 
 def straight(curvature: float = 0.0, gradient: float = 0.0) -> Alignment:
-    return Alignment(
-        np.array([0.0]), np.array([curvature]), np.array([0.0]), np.array([gradient])
-    )
+    return Alignment(np.array([0.0]), np.array([curvature]), np.array([0.0]), np.array([gradient]))
 
 
 @pytest.mark.parametrize("radius", [200.0, -350.0, 1000.0])

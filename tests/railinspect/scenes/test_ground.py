@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def test_noise_is_centred_and_loses_contrast_with_distance() -> None:
         assert abs(field[0].mean()) < 1e-3
         assert field[0].std() == pytest.approx(1.0, abs=1e-3)
         spread = [field[k, : TILE_PX >> k, : TILE_PX >> k].std() for k in range(LEVELS)]
-        assert all(a >= b for a, b in zip(spread, spread[1:], strict=False))
+        assert all(a >= b for a, b in pairwise(spread))
 
 
 def test_noise_tiles_without_a_seam() -> None:

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, HUMAN, RAILS
-from railinspect.scenes import Ride, SceneSettings, demo_settings, render, render_stereo, write_images
+from railinspect.scenes import (
+    Ride,
+    SceneSettings,
+    demo_settings,
+    render,
+    render_stereo,
+    write_images,
+)
 from railinspect.scenes.dataset import IMAGES, MASKS
 from railinspect.scenes.planting import plant
 from railinspect.scenes.render import Rendered, view
@@ -99,8 +106,9 @@ def test_a_person_stands_as_tall_as_the_camera_model_says(distance: float) -> No
     (seen,) = [o for o in picture.objects if o.id == thing.id]
     assert seen.range_m == pytest.approx(distance)
     place = np.array([distance, thing.lateral_m, -0.17])
-    foot, head = camera.project([place, place + [0, 0, thing.height_m]])
-    stride = camera.project([place - [0.4, 0, 0], place + [0.4, 0, 0]])[:, 1]
+    foot, head = camera.project([place, place + np.array([0, 0, thing.height_m])])
+    step = np.array([0.4, 0, 0])
+    stride = camera.project([place - step, place + step])[:, 1]
     assert seen.box_xyxy[1] == pytest.approx(head[1], abs=0.03 * (foot[1] - head[1]) + 1)
     assert stride[1] - 1 <= seen.box_xyxy[3] <= stride[0] + 1
     rows, columns = np.nonzero(picture.labels == HUMAN)

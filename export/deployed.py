@@ -1,0 +1,47 @@
+"""The network as it is shipped: bytes in, bytes out."""
+
+from __future__ import annotations
+
+import copy
+
+import torch
+from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
+
+from fscnn.models import decide
+from fscnn.models.message_passing import FoldedMessagePassing
+
+
+class Deployed(nn.Module):
+    """Maps uint8 RGB (N, H, W, 3) to labels, confidence and rail score, each uint8 (N, H, W).
+
+    Batch norms are folded into the convolutions before them, and the division by 255 into the
+    first convolution, so neither costs anything.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = fold_norms(copy.deepcopy(network).eval()).requires_grad_(False)
+        for module in self.network.modules():
+            if isinstance(module, FoldedMessagePassing):
+                module.form = "export"
+        first = next(m for m in self.network.modules() if isinstance(m, nn.Conv2d))
+        first.weight.data /= 255
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Labels, confidence and rail score of each image."""
+        scores = self.network(image.permute(0, 3, 1, 2).to(torch.float32))
+        return decide(scores, image.shape[1] // scores.shape[2])
+
+
+def fold_norms(network: nn.Module) -> nn.Module:
+    """Fold each batch norm that directly follows a convolution in a sequence, in place."""
+    for module in network.modules():
+        if isinstance(module, nn.Sequential):
+            parts = list(module)
+            for i in range(len(parts) - 1):
+                convolution, norm = parts[i], parts[i + 1]
+                if isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
+                    module[i] = fuse_conv_bn_eval(convolution, norm)
+                    module[i + 1] = nn.Identity()
+    return network

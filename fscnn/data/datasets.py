@@ -1,0 +1,140 @@
+"""Torch datasets over folders and over the renderer, and the sampler that makes draws repeatable.
+
+A sample is ``(image, mask)``: uint8 tensors (3, H, W), RGB, and (H, W), class ids. A dataset is
+indexed by ``(index, draw)``; ``draw`` numbers every sample of a training run, and all randomness of
+a sample comes from the run's seed and that number. Two workers therefore never repeat each other,
+and the same run gives the same samples with any number of workers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import albumentations
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from fscnn.data.railsem import Image, list_pairs, read_pair
+from railinspect import scenes
+
+Draw = tuple[int, int]
+
+
+class SegmentationDataset(Dataset[tuple[Tensor, Tensor]]):
+    """Pairs from a source, transformed.
+
+    Args:
+        source: Gives image (H, W, 3) and mask (H, W) of an index.
+        length: Number of indices.
+        transform: Applied to each pair; None leaves it alone.
+        seed: Seed of the run.
+    """
+
+    def __init__(
+        self,
+        source: Callable[[int], tuple[Image, Image]],
+        length: int,
+        transform: albumentations.Compose | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.source = source
+        self.length = length
+        self.transform = transform
+        self.seed = seed
+
+    def __len__(self) -> int:
+        return self.length
+
+    def __getitem__(self, item: int | Draw) -> tuple[Tensor, Tensor]:
+        index, draw = item if isinstance(item, tuple) else (item, item)
+        image, mask = self.source(index)
+        if self.transform is not None:
+            state = np.random.SeedSequence((self.seed, draw)).generate_state(1)
+            self.transform.set_random_seed(int(state[0]))
+            done = self.transform(image=image, mask=mask)
+            image, mask = done["image"], done["mask"]
+        return (
+            torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))),
+            torch.from_numpy(np.ascontiguousarray(mask)),
+        )
+
+
+class FolderSource:
+    """A RailSem19-layout folder, or some of its pairs."""
+
+    def __init__(self, folder: Path, limit: int | None = None) -> None:
+        self.pairs = list_pairs(folder)[:limit]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def __call__(self, index: int) -> tuple[Image, Image]:
+        """Read pair number ``index``, in order of file name."""
+        return read_pair(self.pairs[index])
+
+
+class SceneSource:
+    """Scenes rendered on the spot: index i is seed ``start + i``."""
+
+    def __init__(self, start: int, count: int) -> None:
+        self.start = start
+        self.count = count
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __call__(self, index: int) -> tuple[Image, Image]:
+        """Render scene number ``index``."""
+        rendered = scenes.render(self.start + index)
+        return rendered.rgb, rendered.labels
+
+
+class JoinedSource:
+    """Several sources one after the other."""
+
+    def __init__(self, sources: Sequence[FolderSource | SceneSource]) -> None:
+        self.sources = tuple(sources)
+        self.ends = np.cumsum([len(source) for source in self.sources])
+
+    def __len__(self) -> int:
+        return int(self.ends[-1])
+
+    def __call__(self, index: int) -> tuple[Image, Image]:
+        """Pair number ``index``, counted through all sources."""
+        which = int(np.searchsorted(self.ends, index, side="right"))
+        return self.sources[which](index - (int(self.ends[which - 1]) if which else 0))
+
+
+class DrawSampler(Sampler[Draw]):
+    """A fresh permutation every epoch, each entry with its number within the run.
+
+    Lightning calls :meth:`set_epoch`, so a resumed run goes on with the draws it would have had.
+    """
+
+    def __init__(self, length: int, seed: int) -> None:
+        self.length = length
+        self.seed = seed
+        self.epoch = 0
+
+    def __len__(self) -> int:
+        return self.length
+
+    def set_epoch(self, epoch: int) -> None:
+        """Choose the epoch the next iteration belongs to."""
+        self.epoch = epoch
+
+    def __iter__(self) -> Iterator[Draw]:
+        rng = np.random.default_rng((self.seed, self.epoch))
+        first = self.epoch * self.length
+        for position, index in enumerate(rng.permutation(self.length)):
+            yield int(index), first + position
+
+
+def quiet_worker(_: int) -> None:
+    """Keep OpenCV and torch to one thread in each loader process; the processes are the workers."""
+    cv2.setNumThreads(0)
+    torch.set_num_threads(1)

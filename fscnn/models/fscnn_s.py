@@ -1,0 +1,131 @@
+"""FSCNN-S: folded message passing in a network small enough for two embedded cores.
+
+The paper's order of parts (backbone, folded message passing, ASPP, classifier; Wang et al. 2023,
+Fig. 15) with a backbone of its own, trained from scratch, and a decoder: at stride 16 a rail two
+pixels wide is gone, so skips lead back up to stride 2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from fscnn.models.blocks import InvertedResidual, Residual, conv_norm, resize_like
+from fscnn.models.message_passing import FoldedMessagePassing
+
+
+@dataclass(frozen=True)
+class FscnnSConfig:
+    """Shape of FSCNN-S. The defaults are those of the shipped bundle.
+
+    Attributes:
+        classes: Number of classes.
+        widths: Channels at strides 2, 4, 8 and 16.
+        blocks: Blocks at strides 4, 8 and 16.
+        expansion: Widening inside the inverted residual blocks.
+        message_channels: Channels c of the message passing.
+        message_taps: Taps k of its kernels, odd.
+        context: Channels of the context stage at stride 16.
+        decoder: Channels of the decoder at strides 8, 4 and 2.
+        detail: Channels kept of the stride-2 skip.
+        dropout: Probability of dropping a context channel while training.
+    """
+
+    classes: int = 19
+    widths: tuple[int, int, int, int] = (12, 20, 40, 96)
+    blocks: tuple[int, int, int] = (1, 2, 4)
+    expansion: int = 3
+    message_channels: int = 32
+    message_taps: int = 7
+    context: int = 64
+    decoder: tuple[int, int, int] = (24, 16, 12)
+    detail: int = 8
+    dropout: float = 0.05
+
+
+class LightAspp(nn.Module):
+    """Atrous spatial pyramid with three rates, and the image's mean as a plain reduction.
+
+    The branches are added, not concatenated: one projection less. A plain mean replaces adaptive
+    pooling, which does not export with a free batch size.
+    """
+
+    def __init__(self, inputs: int, outputs: int, rates: tuple[int, ...] = (2, 5)) -> None:
+        super().__init__()
+        self.point = conv_norm(inputs, outputs, 1)
+        self.atrous = nn.ModuleList(
+            nn.Sequential(
+                conv_norm(outputs, outputs, 3, dilation=rate, groups=outputs),
+                conv_norm(outputs, outputs, 1, activate=False),
+            )
+            for rate in rates
+        )
+        self.scene = nn.Conv2d(outputs, outputs, 1)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map (N, inputs, H, W) to (N, outputs, H, W)."""
+        point = self.point(features)
+        total = point + self.scene(point.mean((2, 3), keepdim=True))
+        for branch in self.atrous:
+            total = total + branch(point)
+        return nn.functional.relu(total)
+
+
+class _UpStep(nn.Module):
+    """Narrow, upsample, add the skip, filter."""
+
+    def __init__(self, inputs: int, skip: int, middle: int, outputs: int) -> None:
+        super().__init__()
+        self.narrow = nn.Conv2d(inputs, middle, 1)
+        self.skip = conv_norm(skip, middle, 1, activate=False)
+        self.filter = conv_norm(middle, outputs)
+
+    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
+        raised = resize_like(self.narrow(coarse), fine)
+        return self.filter(nn.functional.relu(raised + self.skip(fine)))
+
+
+class FscnnS(nn.Module):
+    """The network. Input RGB (N, 3, H, W) in 0 … 1; output class scores (N, classes, H/2, W/2)."""
+
+    stride = 2
+
+    def __init__(self, config: FscnnSConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or FscnnSConfig()
+        w2, w4, w8, w16 = config.widths
+        n4, n8, n16 = config.blocks
+        up8, up4, up2 = config.decoder
+        thin = config.expansion
+        self.stem = conv_norm(3, w2, 3, 2)
+        self.stage4 = nn.Sequential(
+            Residual(w2, w4, 2), *(Residual(w4, w4) for _ in range(n4 - 1))
+        )
+        self.stage8 = nn.Sequential(
+            Residual(w4, w8, 2), *(InvertedResidual(w8, w8, 1, thin) for _ in range(n8 - 1))
+        )
+        self.stage16 = nn.Sequential(
+            InvertedResidual(w8, w16, 2, thin + 1),
+            *(InvertedResidual(w16, w16, 1, thin) for _ in range(n16 - 1)),
+        )
+        self.to_messages = conv_norm(w16, config.message_channels, 1)
+        self.messages = FoldedMessagePassing(config.message_channels, config.message_taps)
+        self.messages_norm = nn.BatchNorm2d(4 * config.message_channels)
+        self.context = LightAspp(w16 + 4 * config.message_channels, config.context)
+        self.dropout = nn.Dropout2d(config.dropout)
+        self.up8 = _UpStep(config.context, w8, up8, up8)
+        self.up4 = _UpStep(up8, w4, up4, up4)
+        self.up2 = _UpStep(up4, w2, config.detail, up2)
+        self.classify = nn.Conv2d(up2, config.classes, 1)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Class scores at stride 2; H and W must be even."""
+        at2 = self.stem(image)
+        at4 = self.stage4(at2)
+        at8 = self.stage8(at4)
+        at16 = self.stage16(at8)
+        messages = self.messages_norm(self.messages(self.to_messages(at16)))
+        context = self.dropout(self.context(torch.cat([at16, messages], 1)))
+        return self.classify(self.up2(self.up4(self.up8(context, at8), at4), at2))

@@ -1,0 +1,120 @@
+"""One training run from a configuration; importable, and what ``train.py fit`` calls."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+import lightning
+import torch
+from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+
+from fscnn.data.datasets import FolderSource
+from fscnn.data.module import DataConfig, RailData
+from fscnn.models import build
+from fscnn.training import checkpoint as checkpoints
+from fscnn.training.config import TrainConfig, save
+from fscnn.training.module import SegmentationModule
+from railinspect.errors import BadInputError
+
+
+def data_fingerprint(config: DataConfig) -> str:
+    """SHA-256 over the names and sizes of all training files, and the rendered seeds."""
+    digest = hashlib.sha256(repr(config.train_scenes).encode())
+    for folder in config.train_folders:
+        for pair in FolderSource(Path(folder)).pairs:
+            for path in (pair.image, pair.mask):
+                digest.update(f"{path.name} {path.stat().st_size}\n".encode())
+    return digest.hexdigest()
+
+
+def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
+    """Train, and leave ``best.ckpt``, ``last.ckpt`` and ``config.yaml`` in the run's folder.
+
+    Args:
+        config: The run.
+        resume: Checkpoint to go on from; counters, optimiser and averages continue from it.
+
+    Returns:
+        Metrics of the last validation, by name.
+
+    Raises:
+        BadInputError: if the configuration, the data or a checkpoint cannot be used.
+    """
+    schedule = config.schedule
+    if not (schedule.max_epochs > 0 or schedule.max_steps > 0 or schedule.max_minutes > 0):
+        raise BadInputError("set schedule.max_epochs, schedule.max_steps or schedule.max_minutes")
+    if schedule.shape not in ("cosine", "poly"):
+        raise BadInputError(f"schedule.shape must be cosine or poly, got {schedule.shape!r}")
+    run = config.run
+    if run.threads:
+        torch.set_num_threads(run.threads)
+    lightning.seed_everything(config.seed, verbose=False)
+    data = RailData(config.data, config.seed)
+    network = build(config.network, config.settings)
+    if config.start_from:
+        started = checkpoints.load(Path(config.start_from)).network
+        try:
+            network.load_state_dict(started.state_dict())
+        except RuntimeError as error:
+            raise BadInputError(
+                f"{config.start_from} holds a network of another shape than {config.network}"
+            ) from error
+    module = SegmentationModule(
+        network,
+        config.network,
+        config.loss,
+        schedule,
+        config.optimiser.rate,
+        config.optimiser.weight_decay,
+        config.optimiser.average,
+        run.channels_last,
+        asdict(config),
+        data_fingerprint(config.data),
+    )
+    if resume is not None:
+        checkpoints.read(resume)  # one clear sentence, where Lightning would give a traceback
+
+    out = Path(run.out)
+    out.mkdir(parents=True, exist_ok=True)
+    save(config, out / "config.yaml")
+    keep = ModelCheckpoint(
+        out,
+        "best",
+        monitor="val/rail_iou",
+        mode="max",
+        save_last=True,
+        save_on_train_epoch_end=False,
+        enable_version_counter=False,
+    )
+    logger = TensorBoardLogger(out, "") if run.tensorboard else CSVLogger(out, "")
+    trainer = lightning.Trainer(
+        accelerator=run.accelerator,
+        devices=run.devices,
+        precision=run.precision,  # type: ignore[arg-type]
+        max_epochs=-1,
+        accumulate_grad_batches=run.accumulate,
+        gradient_clip_val=config.optimiser.clip,
+        val_check_interval=run.validate_every or 1.0,
+        check_val_every_n_epoch=None if run.validate_every else 1,
+        num_sanity_val_steps=0,
+        log_every_n_steps=20,
+        callbacks=[keep],
+        logger=logger,
+        default_root_dir=out,
+        enable_progress_bar=run.progress,
+        enable_model_summary=False,
+        use_distributed_sampler=run.devices > 1,
+    )
+    trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+    metrics = {k: float(v) for k, v in trainer.validate(module, data, verbose=False)[0].items()}
+    # The run may end between two validations, and its last weights are often the best.
+    trainer.save_checkpoint(out / "last.ckpt")
+    best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
+    if math.isnan(best) or metrics["val/rail_iou"] >= best:
+        shutil.copyfile(out / "last.ckpt", out / "best.ckpt")
+    return metrics

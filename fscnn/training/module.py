@@ -1,0 +1,152 @@
+"""The Lightning module: one training step, one validation, the optimiser. The net is handed in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import lightning
+import torch
+from torch import Tensor, nn
+
+from fscnn.models import decide, settings_of
+from fscnn.training.average import WeightAverage
+from fscnn.training.checkpoint import KEY
+from fscnn.training.guard import explain_divergence
+from fscnn.training.loss import LossConfig, RailLoss
+from fscnn.training.metrics import Scores
+from fscnn.training.schedule import Clock, ScheduleConfig, rate_factor
+
+
+class SegmentationModule(lightning.LightningModule):
+    """Trains any network that maps images (N, 3, H, W) in 0 … 1 to class scores.
+
+    Args:
+        network: The network.
+        name: Its name in the registry, kept in checkpoints.
+        loss: Loss settings.
+        schedule: Limits and learning-rate shape.
+        rate: Peak learning rate.
+        weight_decay: Of kernels; norms and biases have none.
+        average: Decay of the weight average.
+        channels_last: Memory format of the maps.
+        recipe: Resolved configuration, kept in checkpoints.
+        fingerprint: Digest of the training data, kept in checkpoints.
+    """
+
+    def __init__(
+        self,
+        network: nn.Module,
+        name: str,
+        loss: LossConfig | None = None,
+        schedule: ScheduleConfig | None = None,
+        rate: float = 2e-3,
+        weight_decay: float = 1e-2,
+        average: float = 0.999,
+        channels_last: bool = True,
+        recipe: Mapping[str, Any] | None = None,
+        fingerprint: str = "",
+    ) -> None:
+        super().__init__()
+        self.format = torch.channels_last if channels_last else torch.contiguous_format
+        self.network = network.to(memory_format=self.format)
+        self.name = name
+        self.loss = RailLoss(loss or LossConfig())
+        self.schedule = schedule or ScheduleConfig(max_epochs=1)
+        self.rate = rate
+        self.weight_decay = weight_decay
+        self.average = WeightAverage(self.network, average)
+        self.recipe = dict(recipe or {})
+        self.fingerprint = fingerprint
+        self.clock = Clock(self.schedule)
+        self.scores = Scores()
+        self._spent_s = 0.0
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Class scores of uint8 images (N, 3, H, W)."""
+        return self.network(self._scaled(images))
+
+    def _scaled(self, images: Tensor) -> Tensor:
+        return images.to(torch.float32).div_(255).contiguous(memory_format=self.format)
+
+    def on_fit_start(self) -> None:
+        self.clock = Clock(self.schedule, self._spent_s)
+        self.average.network.to(self.device)
+
+    def _progress(self) -> float:
+        return self.clock.progress(self.global_step, int(self.trainer.num_training_batches))
+
+    def on_train_batch_start(self, batch: Any, batch_idx: int) -> int | None:
+        progress = self._progress()
+        if progress >= 1:
+            self.trainer.should_stop = True
+            return -1
+        rate = self.rate * rate_factor(progress, self.schedule)
+        for group in self.optimizers().param_groups:  # type: ignore[union-attr]
+            group["lr"] = rate
+        return None
+
+    def training_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> Tensor:
+        images, masks = batch
+        terms = self.loss(self(images), masks)
+        if not torch.isfinite(terms["total"]):
+            raise explain_divergence(self.network, self._scaled(images), self.global_step)
+        if batch_idx % 20 == 0:
+            done = self._progress()
+            for term, value in terms.items():
+                self.log(f"train/{term}", value.detach(), prog_bar=term == "total")
+            self.log("train/done", done, prog_bar=True)
+        return terms["total"]
+
+    def on_before_zero_grad(self, optimizer: Any) -> None:
+        # Lightning zeroes the gradients before each step: the weights are then those of the last.
+        if self.global_step > self.average.steps:
+            self.average.update(self.network)
+
+    def on_validation_start(self) -> None:
+        if self.global_step > self.average.steps:
+            self.average.update(self.network)
+        self.scores = Scores()
+        self.average.network.to(self.device)
+
+    def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
+        images, masks = batch
+        scores = self.average.network(self._scaled(images))
+        labels, confidence, _ = decide(scores, images.shape[2] // scores.shape[2])
+        for mask, label, sure in zip(masks, labels, confidence, strict=True):
+            self.scores.add(mask.cpu().numpy(), label.cpu().numpy(), sure.cpu().numpy())
+
+    def on_validation_epoch_end(self) -> None:
+        summary = self.scores.summary()
+        for metric in ("rail_iou", "mean_iou", "accuracy", "thin_f"):
+            value = float(summary[metric])  # type: ignore[arg-type]
+            self.log(f"val/{metric}", value, prog_bar=metric == "rail_iou")
+
+    def configure_optimizers(self) -> torch.optim.Optimizer:
+        kernels = [w for w in self.network.parameters() if w.ndim > 1]
+        others = [w for w in self.network.parameters() if w.ndim <= 1]
+        return torch.optim.AdamW(
+            [
+                {"params": kernels, "weight_decay": self.weight_decay},
+                {"params": others, "weight_decay": 0.0},
+            ],
+            lr=self.rate,
+        )
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        checkpoint[KEY] = {
+            "network": self.name,
+            "settings": settings_of(self.network),
+            "average": self.average.network.state_dict(),
+            "average_steps": self.average.steps,
+            "steps": self.global_step,
+            "spent_s": self.clock.spent_s,
+            "recipe": self.recipe,
+            "fingerprint": self.fingerprint,
+        }
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        held = checkpoint[KEY]
+        self.average.network.load_state_dict(held["average"])
+        self.average.steps = held["average_steps"]
+        self._spent_s = held["spent_s"]

@@ -1,0 +1,94 @@
+"""Running a producer or a consumer one step aside, in order, with a bounded queue between."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Generator, Iterable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+def prefetch(items: Iterable[T], depth: int = 2) -> Generator[T, None, None]:
+    """Iterate ``items`` in a background thread, at most ``depth`` items ahead.
+
+    An exception of the producer is raised here, after the items before it. Closing the returned
+    generator stops the thread.
+    """
+    ahead: queue.Queue[tuple[bool, T | BaseException | None]] = queue.Queue(max(depth, 1))
+    stop = threading.Event()
+
+    def put(message: tuple[bool, T | BaseException | None]) -> None:
+        while not stop.is_set():
+            try:
+                ahead.put(message, timeout=0.1)
+            except queue.Full:
+                continue
+            return
+
+    def produce() -> None:
+        try:
+            for item in items:
+                put((True, item))
+                if stop.is_set():
+                    return
+            put((False, None))
+        except BaseException as error:  # handed to the consumer, which raises it
+            put((False, error))
+
+    thread = threading.Thread(target=produce, name="railinspect-prefetch", daemon=True)
+    thread.start()
+    try:
+        while True:
+            more, value = ahead.get()
+            if more:
+                yield value  # type: ignore[misc]  # an item, as `more` says
+            elif isinstance(value, BaseException):
+                raise value
+            else:
+                return
+    finally:
+        stop.set()
+        thread.join()
+
+
+class Worker(Generic[T]):
+    """Hands items to a function in a background thread, in order, at most ``depth`` waiting.
+
+    The function's first exception is raised by the next ``put`` or by ``close``.
+    """
+
+    def __init__(self, function: Callable[[T], None], depth: int = 3) -> None:
+        self._function = function
+        self._items: queue.Queue[tuple[T] | None] = queue.Queue(depth)
+        self._error: BaseException | None = None
+        self._failed = False
+        self._thread = threading.Thread(target=self._run, name="railinspect-worker", daemon=True)
+        self._thread.start()
+
+    def put(self, item: T) -> None:
+        """Queue an item; blocks while ``depth`` items are waiting."""
+        self._raise()
+        self._items.put((item,))
+
+    def close(self) -> None:
+        """Wait until every queued item is done."""
+        if self._thread.is_alive():
+            self._items.put(None)
+            self._thread.join()
+        self._raise()
+
+    def _run(self) -> None:
+        while (boxed := self._items.get()) is not None:
+            if self._failed:
+                continue  # drain, so that put never blocks for ever
+            try:
+                self._function(boxed[0])
+            except BaseException as error:  # re-raised in the owner's thread
+                self._error, self._failed = error, True
+
+    def _raise(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error

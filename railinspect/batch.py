@@ -1,0 +1,358 @@
+"""Inspecting one or more inputs into one run folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+
+from railinspect.camera import Camera
+from railinspect.errors import OutputError
+from railinspect.events import Event, EventSettings
+from railinspect.pipeline import Inspector, SegmentFunction, Steps, frames_of
+from railinspect.records import FrameRecord, event_json
+from railinspect.report import write_report
+from railinspect.runfolder import RunFolder, unique_names
+from railinspect.runinfo import run_info, write_json
+from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
+from railinspect.thresholds import Thresholds
+from railinspect.video import Break, Frame, Source, open_source
+from railops.braking import Policy, Train
+
+MAX_BREAKS: Final = 1000
+"""Breaks listed for one input; more are only counted."""
+
+
+@dataclass(frozen=True)
+class InspectSettings:
+    """How a run inspects its inputs.
+
+    Attributes:
+        camera: The calibrated camera; None estimates one from each track.
+        train: The train the advice is for; None gives no advice.
+        speed_is_known: False where the train's speed is an assumption.
+        policy: Margins and thresholds of the decision.
+        thresholds: Limits above which a deviation is a finding.
+        events: When findings become an event; a single image uses ``EventSettings.still()``.
+        folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
+        overlay: Whether to write the overlay video.
+    """
+
+    camera: Camera | None = None
+    train: Train | None = None
+    speed_is_known: bool = True
+    policy: Policy = field(default_factory=Policy)
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    events: EventSettings = field(default_factory=EventSettings)
+    folder_rate_hz: float | None = None
+    overlay: bool = True
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is.
+
+    Attributes:
+        name: Name of the present input.
+        frames: Frames done over all inputs.
+        share: Share of all inputs that is done, 0 to 1; None if an input does not say how long
+            it is.
+    """
+
+    name: str
+    frames: int
+    share: float | None
+
+
+@dataclass
+class InputSummary:
+    """What one input gave; counts are frames, times are media seconds."""
+
+    name: str
+    path: str
+    kind: str
+    size_wh: tuple[int, int]
+    announced_frames: int | None
+    announced_duration_s: float | None
+    frames: int = 0
+    clear_frames: int = 0
+    finding_frames: int = 0
+    unknown_frames: int = 0
+    followed_frames: int = 0
+    first_time_s: float | None = None
+    last_time_s: float | None = None
+    events: int = 0
+    overlay: str | None = None
+    breaks: list[Break] = field(default_factory=list)
+    break_count: int = 0
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a run gave, over all its inputs.
+
+    Attributes:
+        folder: The run folder.
+        inputs: One summary per input.
+        seconds: Wall-clock time of the frame loops, seconds.
+        complete: False if the run was interrupted.
+    """
+
+    folder: Path
+    inputs: tuple[InputSummary, ...]
+    seconds: float
+    complete: bool
+
+    @property
+    def frames(self) -> int:
+        """Frames inspected."""
+        return sum(one.frames for one in self.inputs)
+
+    @property
+    def unknown_frames(self) -> int:
+        """Frames in which nothing can be said."""
+        return sum(one.unknown_frames for one in self.inputs)
+
+    @property
+    def events(self) -> int:
+        """Events confirmed."""
+        return sum(one.events for one in self.inputs)
+
+    @property
+    def frames_per_s(self) -> float:
+        """Frames inspected per second of wall-clock time."""
+        return self.frames / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def followed_fraction(self) -> float:
+        """Share of the frames in which both rails of the own track were followed."""
+        followed = sum(one.followed_frames for one in self.inputs)
+        return followed / self.frames if self.frames else 0.0
+
+    def as_json(self) -> dict[str, Any]:
+        """The document printed by ``railinspect inspect --json``."""
+        return {
+            "frames": self.frames,
+            "frames_per_s": round(self.frames_per_s, 2),
+            "seconds": round(self.seconds, 3),
+            "followed_fraction": round(self.followed_fraction, 4),
+            "unknown_frames": self.unknown_frames,
+            "finding_frames": sum(one.finding_frames for one in self.inputs),
+            "events": self.events,
+            "breaks": sum(one.break_count for one in self.inputs),
+            "complete": self.complete,
+            "paths": {
+                "run": str(self.folder),
+                "report": str(self.folder / "report.html"),
+                "frames": str(self.folder / "frames.jsonl"),
+                "events": str(self.folder / "events.jsonl"),
+                "table": str(self.folder / "events.parquet"),
+                "overlay": [str(self.folder / i.overlay) for i in self.inputs if i.overlay],
+            },
+        }
+
+
+def inspect_inputs(
+    inputs: Sequence[str | Path],
+    out: str | Path,
+    segmenter: SegmentFunction,
+    settings: InspectSettings | None = None,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    steps: Steps | None = None,
+) -> RunSummary:
+    """Inspect inputs one after another and write a run folder.
+
+    Every input is opened before the run folder is touched, so a misspelt name costs nothing. If
+    the run is interrupted or fails, what was finished is published, ``run.json`` says
+    ``"complete": false``, and the exception goes on to the caller.
+
+    Args:
+        inputs: Video files, image folders or images.
+        out: The run folder to create.
+        segmenter: Callable from an RGB image to a ``Segmentation``.
+        settings: How to inspect.
+        progress: Called after every frame.
+        steps: Replaces single steps of the frame loop.
+
+    Returns:
+        The summary, also stored as ``run.json``.
+
+    Raises:
+        BadInputError: if an input cannot be read.
+        OutputError: if the folder cannot be written to or already holds a run.
+    """
+    settings = settings or InspectSettings()
+    paths = [Path(one) for one in inputs]
+    for path in paths[1:]:
+        open_source(path, settings.folder_rate_hz).close()
+    first = open_source(paths[0], settings.folder_rate_hz)
+    try:
+        run = _Run(RunFolder.claim(out), paths, segmenter, settings, steps)
+    except BaseException:
+        first.close()
+        raise
+    return run.inspect(first, progress)
+
+
+class _Run:
+    """The state of one run: its open files and its counts."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        paths: list[Path],
+        segmenter: SegmentFunction,
+        settings: InspectSettings,
+        steps: Steps | None,
+    ) -> None:
+        self._folder, self._paths, self._settings = folder, paths, settings
+        self._segmenter, self._steps = segmenter, steps
+        self._started = datetime.now(UTC)
+        self._summaries: list[InputSummary] = []
+        self._events: list[dict[str, Any]] = []
+        self._next_id = 1
+        self._frames = 0
+        self._seconds = 0.0
+
+    def inspect(self, first: Source, progress: Callable[[Progress], None] | None) -> RunSummary:
+        """Inspect every input; publish whatever was finished, whatever happens."""
+        complete = False
+        self._frames_file = JsonLines(self._folder.part("frames.jsonl"))
+        self._events_file = JsonLines(self._folder.part("events.jsonl"))
+        self._write_run_json(complete=False)
+        try:
+            names = unique_names(self._paths)
+            for path, name in zip(self._paths, names, strict=True):
+                source = first if not self._summaries else self._open(path)
+                self._one(source, name, progress)
+            complete = True
+        except OSError as error:
+            raise OutputError(
+                f"cannot go on writing to {self._folder.path}: {error.strerror or error}; what "
+                "was finished is kept"
+            ) from error
+        finally:
+            self._frames_file.close()
+            self._events_file.close()
+            summary = self._publish(complete)
+        return summary
+
+    def _open(self, path: Path) -> Source:
+        return open_source(path, self._settings.folder_rate_hz)
+
+    def _one(self, source: Source, name: str, progress: Callable[[Progress], None] | None) -> None:
+        summary = InputSummary(
+            name=name,
+            path=str(source.path),
+            kind=source.kind,
+            size_wh=source.size_wh,
+            announced_frames=source.frames_expected,
+            announced_duration_s=source.duration_s,
+        )
+        self._summaries.append(summary)
+        still = source.kind == "image"
+        inspector = Inspector(
+            self._segmenter,
+            self._settings.camera,
+            self._settings.train,
+            self._settings.policy,
+            thresholds=self._settings.thresholds,
+            event_settings=EventSettings.still() if still else self._settings.events,
+            speed_is_known=self._settings.speed_is_known,
+            first_event_id=self._next_id,
+            steps=self._steps,
+        )
+        began_s, before_s = time.perf_counter(), self._seconds
+        with ExitStack() as stack:
+            overlay: OverlayVideo | None = None
+            if self._settings.overlay and not still:
+                summary.overlay = f"overlay/{name}.mp4"
+                overlay = OverlayVideo(self._folder.part(summary.overlay), source.size_wh)
+                stack.callback(overlay.close)
+            stack.callback(self._end_input, inspector, summary, source)
+            frames = stack.enter_context(closing(frames_of(source)))
+            for frame in frames:
+                record = inspector.feed(frame)
+                self._count(summary, record)
+                self._frames_file.write({"input": name, **record.as_json()})
+                self._write_events(inspector.take_ended(), summary)
+                if overlay is not None:
+                    overlay.write(frame.rgb, record)
+                elif self._settings.overlay:
+                    self._overlay_still(frame, record, summary)
+                self._frames += 1
+                self._seconds = before_s + time.perf_counter() - began_s
+                if progress is not None:
+                    progress(Progress(name, self._frames, self._share(source, summary)))
+        self._seconds = before_s + time.perf_counter() - began_s
+
+    def _share(self, source: Source, summary: InputSummary) -> float | None:
+        """Share done: by media time where a duration is announced, else by frames."""
+        assert summary.first_time_s is not None
+        assert summary.last_time_s is not None
+        if source.duration_s:
+            own = (summary.last_time_s - summary.first_time_s) / source.duration_s
+        elif source.frames_expected:
+            own = summary.frames / source.frames_expected
+        else:
+            return None
+        return (len(self._summaries) - 1 + min(own, 1.0)) / len(self._paths)
+
+    def _end_input(self, inspector: Inspector, summary: InputSummary, source: Source) -> None:
+        self._write_events(inspector.finish(), summary)
+        self._next_id = inspector.next_event_id
+        summary.break_count = len(source.breaks)
+        summary.breaks = source.breaks[:MAX_BREAKS]
+
+    @staticmethod
+    def _count(summary: InputSummary, record: FrameRecord) -> None:
+        summary.frames += 1
+        summary.clear_frames += record.status == "clear"
+        summary.finding_frames += record.status == "finding"
+        summary.unknown_frames += record.status == "unknown"
+        summary.followed_frames += record.followed
+        if summary.first_time_s is None:
+            summary.first_time_s = record.time_s
+        summary.last_time_s = record.time_s
+
+    def _write_events(self, events: tuple[Event, ...], summary: InputSummary) -> None:
+        for event in events:
+            thumbnail = None
+            if event.thumbnail_jpeg is not None:
+                thumbnail = f"thumbnails/event-{event.id:05d}.jpg"
+                part = self._folder.part(thumbnail)
+                part.write_bytes(event.thumbnail_jpeg)
+            row = event_json(event, summary.name, thumbnail)
+            self._events_file.write(row)
+            self._events.append(row)
+            summary.events += 1
+
+    def _overlay_still(self, frame: Frame, record: FrameRecord, summary: InputSummary) -> None:
+        summary.overlay = f"overlay/{summary.name}.png"
+        drawn = cv2.cvtColor(draw_overlay(frame.rgb, record), cv2.COLOR_RGB2BGR)
+        data = cv2.imencode(".png", drawn)[1].tobytes()
+        self._folder.part(summary.overlay).write_bytes(data)
+
+    def _publish(self, complete: bool) -> RunSummary:
+        inputs = tuple(self._summaries)
+        summary = RunSummary(self._folder.path, inputs, self._seconds, complete)
+        write_events_parquet(self._folder.part("events.parquet"), self._events)
+        self._write_run_json(complete)
+        write_report(self._folder)
+        self._folder.publish()
+        return summary
+
+    def _write_run_json(self, complete: bool) -> None:
+        summary = RunSummary(self._folder.path, tuple(self._summaries), self._seconds, complete)
+        counts = summary.as_json()
+        del counts["paths"]
+        info = run_info(self._started, self._segmenter, self._settings)
+        info |= {"counts": counts, "inputs": [asdict(one) for one in self._summaries]}
+        write_json(self._folder.part("run.json"), info)

@@ -1,0 +1,302 @@
+"""The ``railinspect`` command: parse, call the library, print for people or as one JSON document.
+
+Exit status: 0 done, 1 done but something failed its check, 2 bad input (one sentence on standard
+error). An interrupt ends with 130 after what was finished has been kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from railinspect.errors import BadInputError, RailInspectError
+from railops.errors import RailOpsError
+
+if TYPE_CHECKING:
+    from railinspect.batch import RunSummary
+    from railops.braking import Train
+
+DONE: Final = 0
+FAILED_CHECK: Final = 1
+BAD_INPUT: Final = 2
+INTERRUPTED: Final = 130
+
+ASSUMED_SPEED_KMH: Final = 80.0
+"""Speed the advice assumes where none is given, km/h; the report says that it is assumed."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.run(options))
+    except (RailInspectError, RailOpsError) as error:
+        return _refuse(str(error))
+    except OSError as error:
+        return _refuse(f"{error.strerror or error}: {error.filename or 'no file named'}")
+    except KeyboardInterrupt:
+        print("railinspect: interrupted; what was finished is kept", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _refuse(message: str) -> int:
+    print("railinspect: " + " ".join(message.split()), file=sys.stderr)
+    return BAD_INPUT
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """All commands with their options."""
+    from railinspect.runinfo import installed_version
+
+    parser = _Parser(
+        prog="railinspect",
+        description="From a cab view to what is on the track, how far, how sure, and whether the "
+        "train must brake.",
+    )
+    version = installed_version("railinspect") or "(not installed)"
+    parser.add_argument("--version", action="version", version=f"railinspect {version}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_demo(commands)
+    _add_inspect(commands)
+    _add_scenes(commands)
+    _add_verify(commands)
+    return parser
+
+
+def _command(commands: Any, name: str, help_: str, **rest: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name, help=help_, description=rest.pop("description", help_), **rest
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print exactly one JSON document on standard output"
+    )
+    return parser
+
+
+def _add_demo(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "demo",
+        "render a ride with known anomalies, inspect it, compare with the truth",
+        description="Render a ride of 50 s at 72 km/h with eleven anomalies (distorted rails, "
+        "obstructions, people) and a clear stretch, inspect it with the shipped bundle, and say "
+        "what was found, missed and false. An event matches an anomaly if its place (train's "
+        "chainage plus range) is within 10 m of it; it counts as found if the type agrees too.",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="run folder to create")
+    parser.add_argument("--seed", type=int, default=None, help="seed of the ride (default: 1)")
+    parser.add_argument("--bundle", type=Path, help="ONNX bundle (default: the shipped one)")
+    parser.set_defaults(run=_run_demo)
+
+
+def _run_demo(options: argparse.Namespace) -> int:
+    from railinspect.demo import DEMO_SEED, run_demo
+    from railinspect.ride_file import RidePlan
+    from railinspect.scenes import demo_settings
+
+    seed = DEMO_SEED if options.seed is None else options.seed
+    if seed < 0:
+        raise BadInputError(f"seed is {seed}; give a whole number of at least 0")
+    plan = RidePlan(seed, demo_settings())
+    document = run_demo(options.out, _segmenter(options), plan, quiet=options.json)
+    if options.json:
+        print(json.dumps(document))
+        return DONE
+    for one in document["anomalies"]:
+        where = f"{one['type']:<12} at {one['chainage_m']:7.1f} m"
+        if one["outcome"] == "found":
+            seen = one["first_range_m"]
+            first = "range unknown" if seen is None else f"first seen {seen:.0f} m ahead"
+            print(f"  found     {where}   event {one['event']}, {first}")
+        elif one["outcome"] == "confused":
+            print(f"  MISSED    {where}   event {one['event']} calls it {one['event_type']}")
+        else:
+            print(f"  MISSED    {where}   no event")
+    for event in document["false"]:
+        print(
+            f"  FALSE     {event['type']:<12} at {event['first_time_s']:.1f} s, event "
+            f"{event['event']}"
+        )
+    print(
+        f"{document['found']} of {document['planted']} anomalies found, {document['missed']} "
+        f"missed, {document['false_events']} false events; {document['frames']} frames at "
+        f"{document['frames_per_s']:.1f} frames/s"
+    )
+    _print_paths(document["paths"])
+    return DONE
+
+
+def _add_inspect(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "inspect",
+        "inspect videos, image folders or images and write a report",
+        description="Inspect each input in turn (video file, folder of images, single image) and "
+        "write a run folder: run.json, frames.jsonl, events.jsonl, events.parquet, "
+        "overlay/NAME.mp4 and report.html.",
+    )
+    parser.add_argument("inputs", nargs="+", metavar="INPUT", type=Path)
+    parser.add_argument("--out", type=Path, required=True, help="run folder to create")
+    parser.add_argument("--bundle", type=Path, help="ONNX bundle (default: the shipped one)")
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="YAML",
+        help="calibrated camera (default: estimated from the track's gauge and vanishing point)",
+    )
+    parser.add_argument(
+        "--train",
+        type=Path,
+        metavar="YAML",
+        help="train the advice is for (default: a suburban multiple unit on level track)",
+    )
+    parser.add_argument(
+        "--speed-kmh",
+        type=float,
+        metavar="V",
+        help="the train's speed, km/h; sizes the advice and helps following objects (default: "
+        f"unknown, the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
+    )
+    parser.add_argument(
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="frames per second of an image folder (default: times from the file names where all "
+        "have one, else 10)",
+    )
+    parser.add_argument(
+        "--threads", type=int, metavar="N", help="threads of the network (default: all cores)"
+    )
+    parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    parser.set_defaults(run=_run_inspect)
+
+
+def _run_inspect(options: argparse.Namespace) -> int:
+    from railinspect.batch import InspectSettings, Progress, inspect_inputs
+    from railinspect.camera import Camera
+    from railinspect.progress import ProgressLine
+
+    settings = InspectSettings(
+        camera=Camera.load(options.camera) if options.camera else None,
+        train=_train(options),
+        speed_is_known=options.speed_kmh is not None,
+        folder_rate_hz=options.rate,
+        overlay=not options.no_overlay,
+    )
+    segmenter = _segmenter(options)
+    line = ProgressLine("inspecting")
+
+    def show(progress: Progress) -> None:
+        line.show(progress.frames, progress.share)
+
+    try:
+        summary = inspect_inputs(options.inputs, options.out, segmenter, settings, progress=show)
+    finally:
+        line.close()
+    if options.json:
+        print(json.dumps(summary.as_json()))
+        return DONE
+    _print_summary(summary)
+    return DONE
+
+
+def _train(options: argparse.Namespace) -> Train:
+    from railops.braking import Train
+
+    if options.speed_kmh is not None and not 0 <= options.speed_kmh <= 500:
+        raise BadInputError(f"speed is {options.speed_kmh} km/h; give 0 to 500 km/h")
+    kmh = ASSUMED_SPEED_KMH if options.speed_kmh is None else options.speed_kmh
+    if options.train:
+        return Train.load(options.train, speed_mps=kmh / 3.6)
+    return Train(speed_mps=kmh / 3.6)
+
+
+def _print_summary(summary: RunSummary) -> None:
+    print(
+        f"{summary.frames} frames at {summary.frames_per_s:.1f} frames/s, rails followed in "
+        f"{summary.followed_fraction:.1%}, {summary.unknown_frames} frames unknown, "
+        f"{summary.events} events"
+    )
+    for one in summary.inputs:
+        for broken in one.breaks[:5]:
+            print(f"{one.name}: broke after {broken.time_s:.2f} s: {broken.reason}")
+    _print_paths(summary.as_json()["paths"])
+
+
+def _print_paths(paths: dict[str, Any]) -> None:
+    print(f"report   {paths['report']}")
+    for overlay in paths["overlay"]:
+        print(f"overlay  {overlay}")
+    print(f"frames   {paths['frames']}\nevents   {paths['events']}\ntable    {paths['table']}")
+
+
+def _segmenter(options: argparse.Namespace) -> Any:
+    from railinspect.segmenter import Segmenter
+
+    threads = getattr(options, "threads", None)
+    if threads is not None and threads < 1:
+        raise BadInputError(f"threads is {threads}; give at least 1")
+    if options.bundle is None:
+        return Segmenter.default(threads)
+    return Segmenter.load(options.bundle, threads)
+
+
+def _add_scenes(commands: Any) -> None:
+    from railinspect.scenes_command import add_scenes
+
+    add_scenes(commands, _command)
+
+
+def _add_verify(commands: Any) -> None:
+    parser = _command(
+        commands,
+        "verify",
+        "check a bundle: metadata, hashes and golden output on this machine",
+    )
+    parser.add_argument("bundle", type=Path, metavar="BUNDLE", help="ONNX bundle")
+    parser.set_defaults(run=_run_verify)
+
+
+def _run_verify(options: argparse.Namespace) -> int:
+    from railinspect.segmenter import Segmenter, verify
+
+    segmenter = Segmenter.load(options.bundle)
+    result = verify(segmenter)
+    document = {
+        "bundle": str(options.bundle),
+        "network": segmenter.metadata.network,
+        "input_size_wh": list(segmenter.metadata.input_size_wh),
+        "package_version": segmenter.metadata.package_version,
+        "training_fingerprint": segmenter.metadata.training_fingerprint,
+        "identical": result.identical,
+        "agreement": result.agreement,
+        "passed": result.passed,
+        "frame_ms": round(1000 * result.frame_s, 2),
+    }
+    if options.json:
+        print(json.dumps(document))
+    else:
+        width, height = segmenter.metadata.input_size_wh
+        same = "identical" if result.identical else f"{result.agreement:.4%} of the labels equal"
+        print(
+            f"{'passed' if result.passed else 'FAILED'}: {options.bundle} "
+            f"({segmenter.metadata.network}, {width}×{height} pixels), golden output {same}, "
+            f"{1000 * result.frame_s:.1f} ms per frame"
+        )
+    return DONE if result.passed else FAILED_CHECK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

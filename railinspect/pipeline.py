@@ -1,0 +1,324 @@
+"""The one frame loop: segment → track → findings → range → events → advice → record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from railinspect._threads import prefetch
+from railinspect.events import Event, EventSettings, EventTracker, Sighting
+from railinspect.findings import Finding, find
+from railinspect.ranging import Range, range_of
+from railinspect.records import FrameRecord, LocatedFinding, Status
+from railinspect.segmenter import Segmenter
+from railinspect.thresholds import Thresholds
+from railinspect.track import TrackFollower, TrackGeometry
+from railinspect.track.geometry import SegmentationLike
+from railinspect.video import Frame, Source, open_source
+from railops.braking import Advice, Policy, RangeMeasurement, Train, decide
+from railops.errors import CannotStopError
+
+if TYPE_CHECKING:
+    from railinspect.camera import Camera
+
+ACTIONS: Final = ("none", "warn", "service", "emergency")
+"""Advised actions from the mildest to the most severe."""
+
+DECISION_S: Final = 1.0
+"""A confirmed event counts in the decision with its ranges of this last time, seconds."""
+
+THUMBNAIL_WH: Final = (240, 160)
+"""Largest size of an event's picture, pixels."""
+
+SegmentFunction = Callable[[npt.NDArray[np.uint8]], SegmentationLike]
+"""From an RGB image, uint8 (H, W, 3), to its segmentation; a ``Segmenter`` is one."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of the loop that other rooms provide, so that a test can replace one."""
+
+    follower: Callable[[Camera | None], TrackFollower] = TrackFollower
+    find: Callable[[SegmentationLike, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
+    range_of: Callable[[Finding, TrackGeometry, Camera], Range | None] = range_of
+    decide: Callable[..., Advice] = decide
+
+
+class Inspector:
+    """Inspects the frames of one recording, fed in order; holds all state of that recording.
+
+    Args:
+        segmenter: Callable from an RGB image to a ``Segmentation``, usually a ``Segmenter``.
+        camera: The calibrated camera; by default one is estimated from the track itself.
+        train: The train the advice is for; None gives records without advice. Its
+            ``speed_mps`` may be changed between frames through ``speed_mps``.
+        policy: Margins and thresholds of the decision.
+        thresholds: Limits above which a deviation is a finding.
+        event_settings: When findings become an event.
+        speed_is_known: False where the train's speed is only assumed; it then sizes the advice
+            but is not used to follow objects from frame to frame.
+        first_event_id: Id of the first event.
+        steps: Replaces single steps of the loop.
+    """
+
+    def __init__(
+        self,
+        segmenter: SegmentFunction,
+        camera: Camera | None = None,
+        train: Train | None = None,
+        policy: Policy | None = None,
+        *,
+        thresholds: Thresholds | None = None,
+        event_settings: EventSettings | None = None,
+        speed_is_known: bool = True,
+        first_event_id: int = 1,
+        steps: Steps | None = None,
+    ) -> None:
+        self._segmenter = segmenter
+        self._camera = camera
+        self._train = train
+        self._policy = policy or Policy()
+        self._thresholds = thresholds or Thresholds()
+        self._steps = steps or Steps()
+        self._speed_is_known = speed_is_known and train is not None
+        self._events = EventTracker(event_settings, first_event_id)
+        self._follower: TrackFollower | None = None
+        self._size_wh = (0, 0)
+        self._ended: list[Event] = []
+
+    @property
+    def speed_mps(self) -> float | None:
+        """The train's speed, m/s, where it is known; assign to it as the speed changes."""
+        return self._train.speed_mps if self._train and self._speed_is_known else None
+
+    @speed_mps.setter
+    def speed_mps(self, value: float) -> None:
+        self._train = replace(self._train or Train(speed_mps=value), speed_mps=value)
+        self._speed_is_known = True
+
+    @property
+    def next_event_id(self) -> int:
+        """The id the next confirmed event will get."""
+        return self._events.next_id
+
+    def __call__(self, frame: Frame) -> FrameRecord:
+        """The same as :meth:`feed`."""
+        return self.feed(frame)
+
+    def feed(self, frame: Frame) -> FrameRecord:
+        """Inspect the next frame.
+
+        Args:
+            frame: A frame later than the one before. A change of picture size restarts the
+                following of the track.
+
+        Returns:
+            The record; events that ended are collected for :meth:`take_ended`.
+        """
+        segmentation = self._segmenter(frame.rgb)
+        track = self._follower_for(frame).update(segmentation, frame)
+        doubt = self._why_unknown(frame, track)
+        # What is seen is reported even where the track is not followed; only "clear" needs that.
+        findings = self._steps.find(segmentation, track, self._thresholds)
+        ranges = [_sound(self._steps.range_of(f, track, track.camera)) for f in findings]
+        size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
+        sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
+        vanishing = track.vanishing_uv
+        update = self._events.update(
+            frame.index,
+            frame.time_s,
+            sightings,
+            self.speed_mps,
+            None if vanishing is None else (float(vanishing[0]), float(vanishing[1])),
+        )
+        self._ended.extend(update.ended)
+        for event in update.live:
+            if self._events.wants_thumbnail(event.id, frame.index):
+                self._events.set_thumbnail(event.id, self._thumbnail(frame, event.id))
+        located = tuple(
+            LocatedFinding(*parts) for parts in zip(findings, ranges, update.ids, strict=True)
+        )
+        status: Status = "finding" if findings else "unknown" if doubt else "clear"
+        return FrameRecord(
+            index=frame.index,
+            time_s=frame.time_s,
+            status=status,
+            followed=track.followed and not frame.damaged,
+            reason=doubt or track.reason,
+            left_uv=track.left_uv,
+            right_uv=track.right_uv,
+            vanishing_uv=vanishing,
+            roi_uv=track.roi_uv,
+            reach_m=track.reach_m,
+            findings=located,
+            advice=self._advise(frame.time_s, update.live, doubt is not None),
+        )
+
+    def take_ended(self) -> tuple[Event, ...]:
+        """The events that ended since the last call, oldest first."""
+        ended, self._ended = tuple(self._ended), []
+        return ended
+
+    def finish(self) -> tuple[Event, ...]:
+        """End the recording: every event not yet taken, including those still live."""
+        return (*self.take_ended(), *self._events.finish())
+
+    def _follower_for(self, frame: Frame) -> TrackFollower:
+        size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
+        if self._follower is None or size_wh != self._size_wh:
+            camera = self._camera.resized(size_wh) if self._camera else None
+            self._follower, self._size_wh = self._steps.follower(camera), size_wh
+        return self._follower
+
+    @staticmethod
+    def _why_unknown(frame: Frame, track: TrackGeometry) -> str | None:
+        if frame.damaged:
+            return "the picture is damaged in the recording"
+        if not track.followed:
+            return track.reason or "the rails cannot be followed"
+        return None
+
+    def _advise(self, time_s: float, live: tuple[Event, ...], unknown: bool) -> Advice | None:
+        """The most severe advice over all confirmed events; None if there is nothing to decide."""
+        if self._train is None:
+            return None
+        advised: list[Advice] = []
+        for event in live:
+            if time_s - event.last_time_s > DECISION_S:
+                continue
+            advice = self._decide(self._measurements(event, time_s), unknown, time_s)
+            self._events.note_advice(
+                event.id, advice.action, ACTIONS.index(advice.action), advice.reason
+            )
+            advised.append(advice)
+        if not advised and unknown:
+            advised = [self._decide([], unknown, time_s)]
+        return max(advised, key=_severity, default=None)
+
+    def _measurements(self, event: Event, time_s: float) -> list[RangeMeasurement]:
+        """The event's ranges of the last second, or the statement that it has none."""
+        seen = self._events.ranges_since(event.id, time_s - DECISION_S)
+        if not seen:
+            nothing = (math.nan, math.nan)
+            return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
+        return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in seen]
+
+    def _decide(self, measured: list[RangeMeasurement], unknown: bool, time_s: float) -> Advice:
+        try:
+            return self._steps.decide(
+                measured, self._train, self._policy, perception_unknown=unknown, time_s=time_s
+            )
+        except CannotStopError as error:
+            if error.advice is None:
+                raise
+            advice: Advice = error.advice
+            return advice
+
+    def _thumbnail(self, frame: Frame, event_id: int) -> bytes:
+        return cut_out(frame.rgb, self._events.box_of(event_id))
+
+
+def cut_out(rgb: npt.NDArray[np.uint8], box_xyxy: tuple[float, float, float, float]) -> bytes:
+    """A JPEG of the box with its surroundings, the box outlined, at most 240×160 pixels."""
+    height, width = rgb.shape[:2]
+    x0, y0, x1, y1 = box_xyxy
+    half_w = max(0.8 * (x1 - x0), 1.2 * (y1 - y0), 48.0)
+    half_h = half_w * THUMBNAIL_WH[1] / THUMBNAIL_WH[0]
+    centre_u = min(max((x0 + x1) / 2, half_w), max(width - half_w, width / 2))
+    centre_v = min(max((y0 + y1) / 2, half_h), max(height - half_h, height / 2))
+    left, top = max(int(centre_u - half_w), 0), max(int(centre_v - half_h), 0)
+    right, bottom = min(int(centre_u + half_w) + 1, width), min(int(centre_v + half_h) + 1, height)
+    crop = rgb[top:bottom, left:right]
+    scale = min(THUMBNAIL_WH[0] / crop.shape[1], THUMBNAIL_WH[1] / crop.shape[0])
+    size = (max(round(crop.shape[1] * scale), 1), max(round(crop.shape[0] * scale), 1))
+    picture = cv2.cvtColor(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2BGR)
+    corners = [round((x0 - left) * scale) - 2, round((y0 - top) * scale) - 2]
+    corners += [round((x1 - left) * scale) + 2, round((y1 - top) * scale) + 2]
+    cv2.rectangle(picture, tuple(corners[:2]), tuple(corners[2:]), (60, 200, 255), 1, cv2.LINE_AA)
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+
+
+def _severity(advice: Advice) -> tuple[int, float]:
+    margin_m = advice.margin_m if advice.margin_m is not None else math.inf
+    return ACTIONS.index(advice.action), -margin_m
+
+
+def _sound(distance: Range | None) -> Range | None:
+    """The range, unless one of its numbers is none: no answer must not look like an answer."""
+    if distance is None:
+        return None
+    numbers = (distance.range_m, distance.std_m, *distance.interval_m)
+    return distance if all(math.isfinite(n) and n >= 0 for n in numbers) else None
+
+
+def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]) -> Sighting:
+    left, top, right, bottom = finding.box_xyxy
+    whole = left > 2 and top > 2 and right < size_wh[0] - 3 and bottom < size_wh[1] - 3
+    return Sighting(
+        type=finding.type,
+        confidence=finding.confidence,
+        box_xyxy=finding.box_xyxy,
+        range_m=distance.range_m if distance else None,
+        range_std_m=distance.std_m if distance else None,
+        range_interval_m=distance.interval_m if distance else None,
+        whole=whole,
+    )
+
+
+def frames_of(source: Source) -> Generator[Frame, None, None]:
+    """The frames of a source, decoded ahead in a background thread; closes the source at the end.
+
+    Close the iterator when leaving early, as ``contextlib.closing`` does.
+    """
+    ahead = prefetch(source, depth=2)
+    try:
+        yield from ahead
+    finally:
+        ahead.close()
+        source.close()
+
+
+def inspect_video(
+    path: str | Path,
+    segmenter: SegmentFunction | None = None,
+    camera: Camera | None = None,
+    train: Train | None = None,
+    policy: Policy | None = None,
+    *,
+    folder_rate_hz: float | None = None,
+) -> Iterator[FrameRecord]:
+    """Inspect a video file, an image folder or an image, frame by frame.
+
+    Args:
+        path: The input.
+        segmenter: The network; by default the bundle that ships with the package.
+        camera: The calibrated camera; by default one is estimated from the track.
+        train: The train the advice is for; None gives records without advice.
+        policy: Margins and thresholds of the decision.
+        folder_rate_hz: Frames per second of an image folder.
+
+    Returns:
+        One record per frame, in order.
+
+    Raises:
+        BadInputError: if the input cannot be read.
+    """
+    source = open_source(path, folder_rate_hz)
+    settings = EventSettings.still() if source.kind == "image" else EventSettings()
+    segment = segmenter if segmenter is not None else Segmenter.default()
+    inspector = Inspector(segment, camera, train, policy, event_settings=settings)
+    return _records(source, inspector)
+
+
+def _records(source: Source, inspector: Inspector) -> Iterator[FrameRecord]:
+    with closing(frames_of(source)) as frames:
+        for frame in frames:
+            yield inspector.feed(frame)

@@ -1,0 +1,308 @@
+"""The report page, built from the files of a run folder alone."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+from railinspect.report.style import style_sheet
+from railinspect.report.summary import InputTimeline, summarise
+from railinspect.report.timeline import timeline_svg
+from railinspect.runfolder import RunFolder
+from railinspect.sinks.json_lines import read_json_lines
+from railinspect.sinks.overlay import STATUS_RGB, TYPE_RGB, clock
+
+Json = Mapping[str, Any]
+
+MAX_PICTURES: Final = 300
+"""Events whose picture is embedded; those of later events stay in the run folder."""
+
+
+def write_report(folder: RunFolder) -> None:
+    """Write ``report.html`` from ``run.json``, ``frames.jsonl`` and ``events.jsonl``."""
+    run = json.loads(folder.current("run.json").read_text(encoding="utf-8"))
+    events = sorted(read_json_lines(folder.current("events.jsonl")), key=lambda e: int(e["id"]))
+    frames = read_json_lines(folder.current("frames.jsonl"))
+    timelines = summarise(frames, run["inputs"])
+    page = render_page(run, events, timelines, folder)
+    folder.part("report.html").write_text(page, encoding="utf-8")
+
+
+def render_page(
+    run: Json, events: list[dict[str, Any]], timelines: Mapping[str, InputTimeline], at: RunFolder
+) -> str:
+    """The page as a string; every name and reason from outside is escaped."""
+    names = ", ".join(Path(one["path"]).name or one["path"] for one in run["inputs"])
+    body = [
+        f"<header><h1>{escape(names)}</h1>"
+        f"<p>RailInspect {escape(str(run['versions']['railinspect'] or ''))} · inspected "
+        f"{escape(run['started'])}</p></header>",
+        _verdict(run, events),
+        _cards(run, events),
+        _timelines(run, events, timelines),
+        _event_table(run, events, at),
+        _unknown(run, timelines),
+        _how(run),
+        "<footer>Times are those of the recording. Ranges are along the track from the camera, "
+        "with 95 % intervals; where no range is given, the place lies beyond the range that can "
+        "be measured reliably.</footer>",
+    ]
+    # The policy forbids every load but inline style and embedded pictures: no network, provably.
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<meta http-equiv="Content-Security-Policy" '
+        "content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">"
+        f"<title>RailInspect: {escape(names)}</title><style>{style_sheet()}</style></head>"
+        f"<body><main>{''.join(body)}</main></body></html>\n"
+    )
+
+
+def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
+    """What the reader should know first, without hiding what was not seen."""
+    counts = run["counts"]
+    frames, unknown = counts["frames"], counts["unknown_frames"]
+    if events:
+        kind = "attention"
+        by_type = [(name, sum(e["type"] == name for e in events)) for name in TYPE_RGB]
+        listed = ", ".join(f"{count} {name}" for name, count in by_type if count)
+        say = f"<b>{_count(len(events), 'event')}</b> to look at: {listed}."
+    elif not frames or unknown:
+        kind, say = "doubt", "<b>No event, but not everything could be inspected.</b>"
+    else:
+        kind, say = "", "<b>No event.</b> Both rails were followed in every frame."
+    notes = []
+    if unknown:
+        notes.append(
+            f"{_count(unknown, 'frame')} ({unknown / max(frames, 1):.1%}) are unknown: nothing is "
+            "claimed about them, in particular not that the track is clear."
+        )
+    if counts["breaks"]:
+        notes.append(f"Reading failed in {_count(counts['breaks'], 'place')}, listed below.")
+    if not counts["complete"]:
+        notes.append("The run was interrupted; this report covers what was finished.")
+    listed_notes = "".join(f"<li>{note}</li>" for note in notes)
+    return (
+        f'<section class="verdict {kind}">{say}'
+        f"{f'<ul>{listed_notes}</ul>' if notes else ''}</section>"
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}".replace(",", "\u202f")
+
+
+def _cards(run: Json, events: list[dict[str, Any]]) -> str:
+    counts = run["counts"]
+    nearest = min((e["closest_range_m"] for e in events if e["closest_range_m"]), default=None)
+    cards = [
+        (f"{counts['frames']:,}".replace(",", "\u202f"), "frames"),
+        (f"{counts['followed_fraction']:.1%}", "with both rails followed"),
+        (str(len(events)), "events"),
+        (f"{nearest:.0f} m" if nearest is not None else "–", "closest range of an event"),
+        (f"{counts['unknown_frames']:,}".replace(",", "\u202f"), "frames unknown"),
+        (f"{counts['frames_per_s']:.1f}/s", "frames inspected"),
+    ]
+    inner = "".join(
+        f'<div class="card"><b>{escape(value)}</b><span>{label}</span></div>'
+        for value, label in cards
+    )
+    return f'<div class="cards">{inner}</div>'
+
+
+def _timelines(run: Json, events: list[dict[str, Any]], timelines: Json) -> str:
+    parts = ['<section id="timeline"><h2>Timeline</h2>']
+    for one in run["inputs"]:
+        if len(run["inputs"]) > 1:
+            parts.append(f"<h3>{escape(one['name'])}</h3>")
+        own = [event for event in events if event["input"] == one["name"]]
+        if one["name"] in timelines:
+            at = [broken["time_s"] for broken in one["breaks"][:50]]
+            parts.append(timeline_svg(timelines[one["name"]], own, at))
+        else:
+            parts.append("<p>No frame was inspected.</p>")
+        parts.append(_breaks(one))
+    swatches = [(f"s-{name}", name) for name in STATUS_RGB] + [(f"t-{n}", n) for n in TYPE_RGB]
+    legend = "".join(f'<span><i class="{kind}"></i>{name}</span>' for kind, name in swatches)
+    return "".join(parts) + f'<p class="legend">{legend}</p></section>'
+
+
+def _breaks(one: Json) -> str:
+    if not one["breaks"]:
+        return ""
+    rows = "".join(
+        f"<li>after {clock(b['time_s'])} (frame {b['frame_index']}): {escape(b['reason'])}</li>"
+        for b in one["breaks"][:50]
+    )
+    more = one["break_count"] - min(len(one["breaks"]), 50)
+    rest = f"<li>and {more} more, in run.json</li>" if more > 0 else ""
+    return (
+        f'<div class="alert" id="break"><b>{escape(one["name"])} could not be read throughout.</b>'
+        f" Everything that could be read is in this report.<ul>{rows}{rest}</ul></div>"
+    )
+
+
+def _event_table(run: Json, events: list[dict[str, Any]], at: RunFolder) -> str:
+    several = len(run["inputs"]) > 1
+    heads = ["#", "Picture", "Type", *(["Input"] if several else []), "First seen"]
+    heads += ["First range", "Closest range", "Seen", "Advice"]
+    rows = "".join(_event_row(event, several, at) for event in events)
+    if not events:
+        rows = f'<tr><td colspan="{len(heads)}">No event was confirmed.</td></tr>'
+    head = "".join(f"<th>{name}</th>" for name in heads)
+    return (
+        '<section><h2>Events</h2><div class="scroll"><table id="events">'
+        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div></section>"
+    )
+
+
+def _event_row(event: Json, several: bool, at: RunFolder) -> str:
+    others = [
+        f"{share:.0%} {name}"
+        for name, share in event["type_shares"].items()
+        if name != event["type"] and share >= 0.05
+    ]
+    mixed = f"<small>also read as {', '.join(others)}</small>" if others else ""
+    cells = [
+        str(event["id"]),
+        _picture(event, at),
+        f'<span class="badge t-{escape(event["type"])}">{escape(event["type"])}</span>'
+        f"<small>confidence {event['confidence']:.0%}</small>{mixed}",
+        *([escape(event["input"])] if several else []),
+        f"{clock(event['first_time_s'])}<small>frame {event['first_frame']}</small>"
+        f"<small>confirmed {event['confirmed_time_s'] - event['first_time_s']:.2f} s later</small>",
+        _range(event["first_range_m"], event["first_range_interval_m"]),
+        _range(event["closest_range_m"], event["closest_range_interval_m"]),
+        f"{event['last_time_s'] - event['first_time_s']:.1f} s"
+        f"<small>{_count(event['frames_seen'], 'frame')}</small>",
+        _advice(event),
+    ]
+    inner = "".join(f"<td>{cell}</td>" for cell in cells)
+    return f'<tr id="event-{event["id"]}">{inner}</tr>'
+
+
+def _picture(event: Json, at: RunFolder) -> str:
+    if event["thumbnail"] is None:
+        return "–"
+    if event["id"] > MAX_PICTURES:  # a page of a thousand pictures would no longer open
+        return f"<small>{escape(event['thumbnail'])}</small>"
+    try:
+        data = at.current(event["thumbnail"]).read_bytes()
+    except OSError:
+        return "–"
+    coded = base64.b64encode(data).decode("ascii")
+    label = escape(f"event {event['id']}: {event['type']}", quote=True)
+    return f'<img alt="{label}" src="data:image/jpeg;base64,{coded}">'
+
+
+def _range(range_m: float | None, bounds: list[float | None] | None) -> str:
+    if range_m is None:
+        return "–<small>no reliable range</small>"
+    if bounds is None or bounds[0] is None or bounds[1] is None:
+        return f"{range_m:.1f} m"
+    return f"{range_m:.1f} m<small>{bounds[0]:.1f} to {bounds[1]:.1f} m</small>"
+
+
+def _advice(event: Json) -> str:
+    if event["advice"] is None:
+        return "–"
+    action = escape(event["advice"])
+    reason = f"<small>{escape(event['advice_reason'])}</small>" if event["advice_reason"] else ""
+    return f'<span class="badge a-{action}">{action}</span>{reason}'
+
+
+def _unknown(run: Json, timelines: Mapping[str, InputTimeline]) -> str:
+    parts = ['<section id="unknown"><h2>Unknown frames</h2>']
+    if not run["counts"]["unknown_frames"]:
+        return "".join([*parts, "<p>None: both rails were followed in every frame.</p></section>"])
+    for name, timeline in timelines.items():
+        if not timeline.reasons:
+            continue
+        if len(timelines) > 1:
+            parts.append(f"<h3>{escape(name)}</h3>")
+        rows = [
+            f"<tr><td>{clock(s.first_s)} to {clock(s.last_s)}</td><td>{s.frames}</td>"
+            f"<td>{s.first_frame}</td><td>{_reasons(s.reasons.most_common())}</td></tr>"
+            for s in timeline.stretches
+        ]
+        if timeline.dropped_stretches:
+            rows.append(
+                f'<tr><td colspan="4">and {timeline.dropped_stretches} shorter stretches; every '
+                "frame's reason is in frames.jsonl</td></tr>"
+            )
+        parts.append(
+            '<div class="scroll"><table class="unknown"><thead><tr><th>When</th><th>Frames</th>'
+            "<th>From frame</th><th>Why</th></tr></thead>"
+            f"<tbody>{''.join(rows)}</tbody></table></div>"
+        )
+    return "".join([*parts, "</section>"])
+
+
+def _reasons(counted: Iterable[tuple[str, int]]) -> str:
+    listed = list(counted)
+    shown = [
+        escape(reason) + (f" ({count}×)" if len(listed) > 1 else "") for reason, count in listed[:3]
+    ]
+    if len(listed) > 3:
+        shown.append(f"and {len(listed) - 3} other reasons")
+    return "<br>".join(shown)
+
+
+def _how(run: Json) -> str:
+    """Inputs, model, camera and settings: what is needed to repeat the run."""
+    rows: list[tuple[str, str]] = []
+    for one in run["inputs"]:
+        width, height = one["size_wh"]
+        rows.append(
+            (
+                "Input",
+                f"{one['path']} ({one['kind']}, {width}×{height} pixels, "
+                f"{_count(one['frames'], 'frame')})",
+            )
+        )
+        if one["overlay"]:
+            rows.append(("Overlay", one["overlay"]))
+    rows.append(("Model", _model(run["model"])))
+    rows.append(("Camera", _camera(run["camera"])))
+    settings = run["settings"]
+    if settings["speed_mps"] is None:
+        rows.append(("Speed", "not given: no advice"))
+    else:
+        known = "given" if settings["speed_is_known"] else "assumed, as none was given"
+        rows.append(("Speed", f"{settings['speed_mps'] * 3.6:.0f} km/h ({known})"))
+    events = settings["events"]
+    rows.append(
+        (
+            "Confirmation",
+            f"an event is confirmed by {events['confirm_hits']} of the last "
+            f"{events['confirm_window']} frames and ends after {events['lose_after_s']:g} s unseen",
+        )
+    )
+    versions = ", ".join(f"{k} {v}" for k, v in run["versions"].items() if v)
+    rows.append(("Versions", versions))
+    inner = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
+    return f'<section id="how"><h2>How it was inspected</h2><dl>{inner}</dl></section>'
+
+
+def _model(model: Json | None) -> str:
+    if model is None:
+        return "not a bundle"
+    width, height = model["input_size_wh"] or (0, 0)
+    return (
+        f"{model['network']}, {width}×{height} pixels, written by version "
+        f"{model['package_version']}, training data {str(model['training_fingerprint'])[:12]}"
+    )
+
+
+def _camera(camera: Json | None) -> str:
+    if camera is None:
+        return "no calibration given: estimated from the track's vanishing point and gauge"
+    width, height = camera["size_wh"]
+    return (
+        f"{width}×{height} pixels, focal length {camera['focal_px']:.0f} px, height "
+        f"{camera['height_m']:.2f} m, gauge {camera['gauge_m'] * 1000:.0f} mm"
+    )

@@ -1,0 +1,346 @@
+"""Frames in order from a video file, a folder of images or one image.
+
+Times are the media's own: a video's presentation timestamps, a folder's file-name timestamps or
+its stated rate. Nothing here holds more than a few frames, however long the recording.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final, Literal, cast
+
+import av
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.errors import BadInputError
+from railinspect.images import IMAGE_SUFFIXES, check_size, read_image
+
+DEFAULT_FOLDER_RATE_HZ: Final = 10.0
+"""Frames per second of an image folder whose rate is neither given nor in its file names."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture with its place in time.
+
+    Attributes:
+        index: Position in the input, 0 for the first frame delivered.
+        time_s: Presentation time, seconds, strictly increasing within an input.
+        rgb: Image, uint8, shape (H, W, 3).
+        damaged: The decoder had to invent part of the picture.
+    """
+
+    index: int
+    time_s: float
+    rgb: npt.NDArray[np.uint8]
+    damaged: bool = False
+
+
+@dataclass(frozen=True)
+class Break:
+    """Where an input stopped being readable although more of it was announced.
+
+    Attributes:
+        time_s: Presentation time of the last frame before the break, seconds.
+        frame_index: Index of that frame.
+        reason: What went wrong, one sentence without a full stop.
+    """
+
+    time_s: float
+    frame_index: int
+    reason: str
+
+
+class Source:
+    """An input that can be iterated once, in order.
+
+    Attributes:
+        path: The file or folder.
+        kind: "video", "folder" or "image".
+        size_wh: Size of the first picture, pixels.
+        frames_expected: Announced number of frames, or None; only good for a progress bar.
+        duration_s: Announced duration, seconds, or None.
+        breaks: Where reading failed; complete once the iteration has ended.
+    """
+
+    kind: Literal["video", "folder", "image"]
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size_wh = (0, 0)
+        self.frames_expected: int | None = None
+        self.duration_s: float | None = None
+        self.breaks: list[Break] = []
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Release the file."""
+
+
+def open_source(path: str | Path, folder_rate_hz: float | None = None) -> Source:
+    """Open a video file, a folder of images or a single image.
+
+    Args:
+        path: The file or folder. Files ending in an image suffix are images; all others are
+            opened as video.
+        folder_rate_hz: Frames per second of an image folder, > 0. By default the times are those
+            in the file names where every name has one, else index / 10 s.
+
+    Returns:
+        The source, with its first picture's size already checked.
+
+    Raises:
+        BadInputError: if nothing can be read; the message is one sentence.
+    """
+    path = Path(path)
+    if folder_rate_hz is not None and not (math.isfinite(folder_rate_hz) and folder_rate_hz > 0):
+        raise BadInputError(f"folder rate is {folder_rate_hz} frames/s; give a positive number")
+    if not path.exists():
+        raise BadInputError(f"input {path} does not exist; check the spelling of the path")
+    if path.is_dir():
+        return _FolderSource(path, folder_rate_hz)
+    if not path.is_file():
+        raise BadInputError(f"input {path} is neither a file nor a folder; give a recording")
+    if path.stat().st_size == 0:
+        raise BadInputError(f"input {path} is empty (0 bytes); copy the recording again")
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        return _ImageSource(path)
+    return _VideoSource(path)
+
+
+class _ImageSource(Source):
+    kind = "image"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._rgb = read_image(path)
+        self.size_wh = (self._rgb.shape[1], self._rgb.shape[0])
+        self.frames_expected, self.duration_s = 1, 0.0
+
+    def __iter__(self) -> Iterator[Frame]:
+        yield Frame(0, 0.0, self._rgb)
+
+
+class _FolderSource(Source):
+    kind = "folder"
+
+    def __init__(self, path: Path, rate_hz: float | None) -> None:
+        super().__init__(path)
+        try:
+            files = [f for f in path.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES]
+        except OSError as error:
+            raise BadInputError(f"cannot list folder {path}: {error.strerror}") from error
+        if not files:
+            raise BadInputError(
+                f"folder {path} holds no image ({', '.join(IMAGE_SUFFIXES)}); give the folder that "
+                "directly contains the frames"
+            )
+        self._files = sorted(files, key=lambda file: natural_key(file.name))
+        named = None if rate_hz else times_from_names([file.stem for file in self._files])
+        step_s = 1 / (rate_hz or DEFAULT_FOLDER_RATE_HZ)
+        self._times_s = named or [index * step_s for index in range(len(files))]
+        self._first = read_image(self._files[0])
+        self.size_wh = (self._first.shape[1], self._first.shape[0])
+        self.frames_expected = len(files)
+        self.duration_s = self._times_s[-1] - self._times_s[0]
+
+    def __iter__(self) -> Iterator[Frame]:
+        index = 0
+        for file, time_s in zip(self._files, self._times_s, strict=True):
+            try:
+                rgb = self._first if index == 0 else read_image(file)
+            except BadInputError as error:
+                last_s = self._times_s[max(index - 1, 0)]
+                self.breaks.append(Break(last_s, index - 1, f"skipped one file: {error}"))
+                continue
+            yield Frame(index, time_s, rgb)
+            index += 1
+
+
+class _VideoSource(Source):
+    kind = "video"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        try:
+            self._container = av.open(str(path), mode="r", metadata_errors="replace")
+        except (av.FFmpegError, OSError, ValueError) as error:
+            raise BadInputError(_why_not_video(path)) from error
+        try:
+            self._open_stream()
+        except BaseException:
+            self._container.close()
+            raise
+
+    def _open_stream(self) -> None:
+        if not self._container.streams.video:
+            raise BadInputError(f"{self.path} holds no video stream; give a recording with one")
+        self._stream = stream = self._container.streams.video[0]
+        stream.thread_type = "AUTO"
+        # Two decoding threads: more would only add latency beside the segmenter's own.
+        stream.codec_context.thread_count = 2
+        if stream.codec_context.width and stream.codec_context.height:
+            check_size((stream.codec_context.width, stream.codec_context.height), str(self.path))
+        rate = stream.average_rate or stream.guessed_rate
+        self._step_s = 1 / float(rate) if rate else 1 / 25
+        if stream.duration and stream.time_base:
+            self.duration_s = float(stream.duration * stream.time_base)
+        elif self._container.duration:
+            self.duration_s = self._container.duration / 1_000_000
+        self.frames_expected = stream.frames or (
+            round(self.duration_s / self._step_s) if self.duration_s else None
+        )
+        self._frames = self._decode()
+        try:
+            self._first: Frame | None = next(self._frames)
+        except StopIteration:
+            why = self.breaks[-1].reason if self.breaks else "it contains no picture"
+            raise BadInputError(
+                f"no frame of {self.path} can be decoded ({why}); record or copy it again"
+            ) from None
+        self.size_wh = (self._first.rgb.shape[1], self._first.rgb.shape[0])
+
+    def __iter__(self) -> Iterator[Frame]:
+        first, self._first = self._first, None
+        if first is not None:
+            yield first
+        yield from self._frames
+
+    def close(self) -> None:
+        self._frames.close()
+        self._container.close()
+
+    def _decode(self) -> Generator[Frame, None, None]:
+        """Decode packet by packet, so one damaged packet does not end the recording."""
+        index, last_s, start_s = 0, -math.inf, 0.0
+        damaged_packets = 0
+        for decoded in self._pictures():
+            if decoded is None:
+                damaged_packets += 1
+                continue
+            if damaged_packets and index:
+                reason = f"{damaged_packets} damaged packet(s) could not be decoded"
+                self.breaks.append(Break(last_s, index - 1, reason))
+                damaged_packets = 0
+            time_s = decoded.time
+            if time_s is None:
+                time_s = last_s + self._step_s if index else 0.0
+            elif time_s <= last_s:  # a broken clock must not run backwards
+                time_s = last_s + self._step_s / 100
+            start_s = time_s if index == 0 else start_s
+            yield Frame(index, float(time_s), self._rgb(decoded), bool(decoded.is_corrupt))
+            index, last_s = index + 1, float(time_s)
+        if index and self.duration_s is not None:
+            missing_s = self.duration_s - (last_s - start_s + self._step_s)
+            if missing_s > max(2.5 * self._step_s, 0.02 * self.duration_s):
+                reason = (
+                    f"the recording announces {self.duration_s:.2f} s but its pictures end "
+                    f"{missing_s:.2f} s earlier"
+                )
+                self.breaks.append(Break(last_s, index - 1, reason))
+
+    def _pictures(self) -> Iterator[av.VideoFrame | None]:
+        """Decoded frames; None for each packet that cannot be decoded."""
+        packets = self._container.demux(self._stream)
+        while True:
+            try:
+                packet = next(packets)
+            except StopIteration:
+                return
+            except av.FFmpegError:
+                # The demuxer cannot go on: hand out what the decoder still holds.
+                try:
+                    yield from self._stream.codec_context.decode(None)
+                except av.FFmpegError:
+                    yield None
+                return
+            try:
+                yield from packet.decode()
+            except av.FFmpegError:
+                yield None
+
+    def _rgb(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8]:
+        """Square-pixel RGB in display orientation, shape (H, W, 3)."""
+        width, height = picture.width, picture.height
+        aspect = self._stream.sample_aspect_ratio
+        if aspect and 0.25 < aspect < 4 and aspect != 1:
+            width = max(1, round(width * aspect))
+        check_size((width, height), str(self.path))
+        converted = picture.reformat(width=width, height=height, format="rgb24")
+        rgb = cast(npt.NDArray[np.uint8], converted.to_ndarray())
+        quarter_turns = round(picture.rotation / 90) % 4  # counterclockwise
+        if quarter_turns:
+            rgb = np.ascontiguousarray(np.rot90(rgb, quarter_turns))
+        return rgb
+
+
+def _why_not_video(path: Path) -> str:
+    """One sentence on why the demuxers refuse a file, from its first bytes."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        return f"cannot read {path}: {error.strerror}"
+    if head[4:8] == b"ftyp":
+        return (
+            f"{path} is an MP4 or MOV whose index (moov) is missing, so it was cut off before the "
+            "recorder closed it; repair it with the recorder's own tool, or record to MKV"
+        )
+    if head and not any(byte < 9 for byte in head):
+        return f"{path} is text, not a video, whatever its name says; give a recording"
+    return f"{path} is not a video this program can read; convert it to MP4 (H.264) first"
+
+
+def natural_key(name: str) -> list[tuple[int, int, str]]:
+    """Sort key by which ``frame2`` comes before ``frame10``.
+
+    Example:
+        >>> sorted(["f10.png", "f2.png", "F1.png"], key=natural_key)
+        ['F1.png', 'f2.png', 'f10.png']
+    """
+    parts = re.split(r"([0-9]+)", name.casefold())
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
+
+
+_SECONDS = re.compile(r"(?:^|[^0-9.])([0-9]+\.[0-9]+)$")
+_EPOCH = re.compile(r"(?:^|[^0-9])([0-9]{13}|[0-9]{16}|[0-9]{19})$")
+_EPOCH_UNIT_S: Final = {13: 1e-3, 16: 1e-6, 19: 1e-9}
+
+
+def times_from_names(stems: list[str]) -> list[float] | None:
+    """Seconds since the first file, where every name ends in a time stamp.
+
+    Recognised are seconds with a decimal point (``cab_12.040``) and Unix times of 13, 16 or 19
+    digits (milli-, micro-, nanoseconds). Plain counters are not times.
+
+    Returns:
+        Strictly increasing times, one per name; None if any name has none or two are equal.
+
+    Example:
+        >>> times_from_names(["cab_12.040", "cab_12.080"])
+        [0.0, 0.04]
+        >>> times_from_names(["rs00001", "rs00002"]) is None
+        True
+    """
+    times: list[float] = []
+    first_epoch: int | None = None
+    for stem in stems:
+        if match := _EPOCH.search(stem):
+            value = int(match[1])
+            first_epoch = value if first_epoch is None else first_epoch
+            times.append(round((value - first_epoch) * _EPOCH_UNIT_S[len(match[1])], 9))
+        elif first_epoch is None and (match := _SECONDS.search(stem)):
+            times.append(float(match[1]))
+        else:
+            return None
+    rising = all(a < b for a, b in pairwise(times))
+    return [round(time - times[0], 9) for time in times] if rising else None

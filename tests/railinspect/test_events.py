@@ -1,0 +1,272 @@
+"""One obstacle is one event: through approach, drop-outs, fragments and changes of type."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from railinspect.errors import BadInputError
+from railinspect.events import EventSettings, EventTracker, Sighting, boxes_touch, iou
+
+RATE_HZ = 12.5
+VANISHING = (320.0, 150.0)
+
+
+def seen(
+    range_m: float,
+    type_: str = "obstruction",
+    lateral_m: float = 0.0,
+    confidence: float = 0.8,
+    size_m: tuple[float, float] = (0.8, 1.0),
+    std_share: float = 0.04,
+    ranged: bool = True,
+) -> Sighting:
+    """What a camera 2.6 m above a straight track (focal length 686 px) sees at a range."""
+    focal, (u, v) = 686.0, VANISHING
+    x0 = u + focal * (-lateral_m - size_m[0] / 2) / range_m
+    x1 = u + focal * (-lateral_m + size_m[0] / 2) / range_m
+    y1 = v + focal * 2.6 / range_m
+    box = (x0, y1 - focal * size_m[1] / range_m, x1, y1)
+    if not ranged:
+        return Sighting(type_, confidence, box)
+    std_m = std_share * range_m
+    bounds = (range_m - 2 * std_m, range_m + 2 * std_m)
+    return Sighting(type_, confidence, box, range_m, std_m, bounds)
+
+
+class Ride:
+    """Feeds a tracker frame by frame at 20 m/s."""
+
+    def __init__(self, speed_known: bool = True, settings: EventSettings | None = None) -> None:
+        self.tracker = EventTracker(settings)
+        self.speed_mps = 20.0 if speed_known else None
+        self.frame = 0
+        self.ended = []
+
+    def chainage_m(self) -> float:
+        return 20.0 * self.frame / RATE_HZ
+
+    def show(self, *sightings: Sighting):
+        update = self.tracker.update(
+            self.frame, self.frame / RATE_HZ, sightings, self.speed_mps, VANISHING
+        )
+        self.ended += update.ended
+        self.frame += 1
+        return update
+
+    def events(self):
+        return [*self.ended, *self.tracker.finish()]
+
+
+@pytest.mark.parametrize("speed_known", [True, False])
+def test_an_approach_is_one_event_with_its_first_and_closest_range(speed_known):
+    ride = Ride(speed_known)
+    while (range_m := 100.0 - ride.chainage_m()) > 8:
+        ride.show(seen(range_m))
+    (event,) = ride.events()
+    assert event.id == 1
+    assert event.type == "obstruction"
+    assert event.first_range_m == pytest.approx(100.0)
+    assert event.first_range_interval_m == pytest.approx((92.0, 108.0))
+    assert event.closest_range_m == pytest.approx(8.8, abs=1.0)
+    assert event.first_time_s == 0.0
+    assert event.closest_time_s == event.last_time_s
+
+
+def test_confirmation_takes_the_stated_frames():
+    ride = Ride(settings=EventSettings(confirm_hits=3, confirm_window=5))
+    pattern = [True, False, True, False, True]
+    ids = [ride.show(*([seen(80 - 1.6 * i)] if hit else [])).ids for i, hit in enumerate(pattern)]
+    assert ids == [(None,), (), (None,), (), (1,)]
+    (event,) = ride.events()
+    assert event.first_time_s == 0.0
+    assert event.confirmed_time_s == pytest.approx(4 / RATE_HZ)
+    assert event.frames_seen == 3
+
+
+def test_a_flicker_never_becomes_an_event():
+    ride = Ride()
+    for index in range(60):
+        ride.show(*([seen(60.0)] if index % 4 == 0 else []))
+    assert ride.events() == []
+
+
+@pytest.mark.parametrize("speed_known", [True, False])
+def test_a_gap_does_not_split_an_event(speed_known):
+    ride = Ride(speed_known)
+    while (range_m := 110.0 - ride.chainage_m()) > 8:
+        hidden = 40 < range_m < 70  # 1.5 s at 20 m/s
+        ride.show(*([] if hidden else [seen(range_m)]))
+    assert len(ride.events()) == 1
+
+
+def test_two_obstacles_one_after_the_other_are_two_events():
+    ride = Ride()
+    while ride.chainage_m() < 170:
+        ranges = [at - ride.chainage_m() for at in (100.0, 180.0)]
+        ride.show(*(seen(r) for r in ranges if 8 < r < 90))
+    assert [e.id for e in ride.events()] == [1, 2]
+
+
+@pytest.mark.parametrize("speed_known", [True, False])
+def test_an_obstacle_appearing_as_another_is_passed_is_a_new_event(speed_known):
+    ride = Ride(speed_known)
+    while ride.chainage_m() < 150:
+        near, far = 60.0 - ride.chainage_m(), 160.0 - ride.chainage_m()
+        ride.show(*([seen(near)] if near > 8 else [seen(far)] if far > 8 else []))
+    assert len(ride.events()) == 2
+
+
+def test_distortion_and_obstruction_at_one_place_are_one_event_of_the_cause():
+    ride = Ride()
+    while (range_m := 70.0 - ride.chainage_m()) > 10:
+        bent = seen(range_m + 1.5, "distortion", confidence=0.9, size_m=(1.6, 0.4))
+        ride.show(seen(range_m, "obstruction", confidence=0.7), bent)
+    (event,) = ride.events()
+    assert event.type == "obstruction"
+    assert event.type_shares["distortion"] > 0.2
+    assert event.frames_seen == 38  # a frame with two findings counts once
+
+
+def test_distortion_that_is_first_alone_takes_the_type_of_what_it_turns_out_to_be():
+    ride = Ride()
+    while (range_m := 90.0 - ride.chainage_m()) > 10:
+        type_ = "distortion" if range_m > 70 else "obstruction"
+        ride.show(seen(range_m, type_))
+    (event,) = ride.events()
+    assert event.type == "obstruction"
+    assert event.first_range_m == pytest.approx(90.0)
+
+
+def test_different_types_that_do_not_touch_are_two_events():
+    ride = Ride()
+    while (range_m := 40.0 - ride.chainage_m()) > 10:
+        person = seen(range_m, "trespasser", lateral_m=1.4, size_m=(0.5, 1.8))
+        crate = seen(range_m, "obstruction", lateral_m=-1.0, size_m=(0.8, 0.8))
+        ride.show(person, crate)
+    assert sorted(e.type for e in ride.events()) == ["obstruction", "trespasser"]
+
+
+def test_two_people_side_by_side_are_one_place_to_brake_for():
+    ride = Ride()
+    while (range_m := 60.0 - ride.chainage_m()) > 10:
+        ride.show(*(seen(range_m, "trespasser", lateral_m=y, size_m=(0.4, 1.8)) for y in (-1, 1)))
+    assert len(ride.events()) == 1
+
+
+def test_two_people_far_apart_along_the_track_are_two_events():
+    ride = Ride()
+    while (range_m := 50.0 - ride.chainage_m()) > 9:
+        ride.show(
+            seen(range_m, "trespasser", size_m=(0.4, 1.8)),
+            seen(range_m + 40, "trespasser", lateral_m=0.9, size_m=(0.4, 1.8)),
+        )
+    assert len(ride.events()) == 2
+
+
+def test_a_fragment_with_a_wrong_range_joins_its_whole():
+    ride = Ride()
+    while (range_m := 60.0 - ride.chainage_m()) > 10:
+        body = seen(range_m, "trespasser", size_m=(0.5, 1.8))
+        x0, y0, _, y1 = body.box_xyxy
+        arm = (x0 - 0.4 * (y1 - y0) / 1.8, y0, x0, y0 + 0.55 * (y1 - y0))
+        ride.show(body, Sighting("trespasser", 0.6, arm, 1.6 * range_m, 3.0, (1.5, 2.0)))
+    (event,) = ride.events()
+    assert event.closest_range_m == pytest.approx(10.4, abs=1.0)
+
+
+def test_without_any_range_boxes_alone_hold_an_event_together():
+    ride = Ride(speed_known=False)
+    for index in range(40):
+        ride.show(seen(150.0 - 1.6 * index, ranged=False))
+    (event,) = ride.events()
+    assert event.first_range_m is None
+    assert event.closest_range_interval_m is None
+
+
+def test_an_event_ends_after_the_stated_time_and_memory_is_freed():
+    ride = Ride(settings=EventSettings(lose_after_s=1.0))
+    for _ in range(6):
+        ride.show(seen(50.0 - ride.chainage_m()))
+    while not ride.ended:
+        ride.show()
+    assert ride.frame / RATE_HZ == pytest.approx(5 / RATE_HZ + 1.0 + 2 / RATE_HZ, abs=0.1)
+    assert ride.tracker.live() == ()
+    assert ride.tracker._candidates == []
+
+
+def test_a_still_is_confirmed_at_once():
+    tracker = EventTracker(EventSettings.still())
+    assert tracker.update(0, 0.0, (seen(40.0),)).ids == (1,)
+
+
+def test_the_most_severe_advice_and_the_best_picture_are_kept():
+    ride = Ride()
+    for index in range(20):
+        ride.show(seen(60.0 - ride.chainage_m()))
+        if ride.tracker.wants_thumbnail(1, index):
+            ride.tracker.set_thumbnail(1, b"%d" % index)
+        action, rank = ("warn", 1) if index < 10 else ("service", 2)
+        ride.tracker.note_advice(1, action, rank, "x")
+        ride.tracker.note_advice(1, "none", 0, "y")
+    (event,) = ride.events()
+    assert (event.advice, event.advice_reason) == ("service", "x")
+    assert event.thumbnail_jpeg is not None
+    assert int(event.thumbnail_jpeg) == event.best_frame > 12
+
+
+def test_ids_go_on_from_where_they_are_told():
+    tracker = EventTracker(EventSettings.still(), first_id=7)
+    assert tracker.update(0, 0.0, (seen(40.0), seen(90.0, "trespasser"))).ids == (7, 8)
+    assert tracker.next_id == 9
+
+
+def test_settings_that_cannot_be_met_are_refused():
+    with pytest.raises(BadInputError, match="cannot be met"):
+        EventSettings(confirm_hits=7, confirm_window=6)
+
+
+box = st.tuples(*[st.floats(0, 600, width=32)] * 2, *[st.floats(1, 100, width=32)] * 2).map(
+    lambda b: (b[0], b[1], b[0] + b[2], b[1] + b[3])
+)
+
+
+@given(box, box)
+def test_overlap_is_symmetric_and_bounded(first, second):
+    assert 0 <= iou(first, second) <= 1 + 1e-6
+    assert iou(first, second) == pytest.approx(iou(second, first))
+    assert boxes_touch(first, second) == boxes_touch(second, first)
+    assert iou(first, first) == pytest.approx(1)
+
+
+@given(
+    st.lists(st.floats(-0.1, 0.1), min_size=45, max_size=45),
+    st.lists(st.booleans(), min_size=45, max_size=45),
+)
+def test_noise_and_drop_outs_never_make_two_of_one(noise, dropped):
+    """Whatever ±10 % range noise and single drop-outs do, one obstacle is never two events."""
+    ride = Ride()
+    for index in range(45):
+        range_m = 90.0 - ride.chainage_m()
+        hidden = dropped[index] and index % 2 == 0
+        ride.show(*([] if hidden else [seen(range_m * (1 + noise[index]))]))
+    assert len(ride.events()) <= 1
+
+
+@given(st.data())
+def test_the_order_of_findings_within_a_frame_does_not_matter(data):
+    first, second = Ride(), Ride()
+    for _ in range(12):
+        sightings = [
+            seen(70.0 - first.chainage_m()),
+            seen(110.0 - first.chainage_m(), "trespasser", lateral_m=2.0),
+            seen(40.0 - first.chainage_m(), "distortion", lateral_m=-1.0),
+        ]
+        first.show(*sightings)
+        second.show(*data.draw(st.permutations(sightings)))
+    summary = [
+        sorted((e.type, e.first_range_m, e.frames_seen) for e in r.events())
+        for r in (first, second)
+    ]
+    assert summary[0] == summary[1]

@@ -1,0 +1,186 @@
+"""The frame loop on painted pictures, with the real steps and with single steps replaced."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import railinspect
+from railinspect.errors import BadInputError
+from railinspect.findings import Finding
+from railinspect.pipeline import Inspector, Steps, cut_out, inspect_video
+from railinspect.ranging import Range
+from railinspect.video import Frame
+from railops.braking import Train
+from tests.railinspect.painted_ride import CAMERA, SPEED_MPS, paint, read_paint, ride, write_video
+
+
+def frames(pictures, rate=12.5):
+    return [Frame(i, i / rate, rgb) for i, rgb in enumerate(pictures)]
+
+
+def test_a_person_ahead_becomes_one_event_with_its_range():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
+    records = [inspector(frame) for frame in frames(ride([80.0], 45))]
+    assert {r.status for r in records[:5]} <= {"clear", "finding"}
+    near = records[25]  # the person is 80 − 40 = 40 m ahead
+    assert near.status == "finding"
+    (found,) = near.findings
+    assert found.finding.type == "trespasser"
+    assert found.event_id == 1
+    assert found.range is not None
+    assert found.range.range_m == pytest.approx(40.0, rel=0.08)
+    assert near.advice is not None
+    assert near.advice.action == "emergency"
+    (event,) = inspector.finish()
+    assert event.type == "trespasser"
+    assert event.advice == "emergency"
+    assert event.thumbnail_jpeg is not None
+    assert event.thumbnail_jpeg[:2] == b"\xff\xd8"
+
+
+def test_a_clear_track_is_clear_and_needs_no_advice():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
+    record = inspector.feed(Frame(0, 0.0, paint()))
+    assert record.status == "clear"
+    assert record.followed
+    assert record.findings == ()
+    assert record.advice is None
+    assert len(record.left_uv) > 10
+    assert (np.diff(record.left_uv[:, 1]) > 0).all()  # top to bottom
+    assert inspector.finish() == ()
+
+
+def test_a_track_without_rails_is_unknown_with_a_reason_and_never_clear():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
+    record = inspector.feed(Frame(0, 0.0, paint(rails=False)))
+    assert record.status == "unknown"
+    assert not record.followed
+    assert record.reason
+    assert record.advice is not None
+    assert record.advice.action == "service"  # the policy's cautious branch
+
+
+def test_a_damaged_picture_is_unknown_even_where_rails_are_seen():
+    inspector = Inspector(read_paint, CAMERA)
+    record = inspector.feed(Frame(0, 0.0, paint(), damaged=True))
+    assert record.status == "unknown"
+    assert record.reason == "the picture is damaged in the recording"
+
+
+def test_without_a_train_there_is_no_advice():
+    inspector = Inspector(read_paint, CAMERA)
+    assert all(inspector.feed(f).advice is None for f in frames(ride([60.0], 12)))
+
+
+def test_a_finding_beyond_the_reliable_range_has_no_number_and_is_doubt():
+    def far(*_):
+        box = (300.0, 150.0, 310.0, 170.0)
+        foot = np.array([305.0, 170.0])
+        return (Finding("obstruction", np.empty((0, 2)), box, 0.9, foot, "painted"),)
+
+    steps = Steps(find=far, range_of=lambda *_: None)
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS), steps=steps)
+    record = [inspector.feed(f) for f in frames([paint()] * 6)][-1]
+    assert record.findings[0].range is None
+    assert record.as_json()["findings"][0]["range_m"] is None
+    assert record.advice is not None
+    assert record.advice.action in ("service", "emergency")
+
+
+def test_a_train_that_cannot_stop_gets_the_emergency_advice_not_an_exception():
+    from railops.traction import Line
+
+    downhill = Train(speed_mps=20.0, line=Line(gradients=((0.0, -0.2),)))
+    inspector = Inspector(read_paint, CAMERA, downhill)
+    record = [inspector.feed(f) for f in frames(ride([60.0], 12))][-1]
+    assert record.advice is not None
+    assert record.advice.action == "emergency"
+    assert record.as_json()["advice"]["required_m"] is None  # infinite
+
+
+def test_a_change_of_size_does_not_stop_the_inspection():
+    inspector = Inspector(read_paint, CAMERA)
+    import cv2
+
+    small = cv2.resize(paint(), (480, 270), interpolation=cv2.INTER_AREA)
+    pictures = [paint()] * 3 + [small] * 3
+    records = [inspector.feed(f) for f in frames(pictures)]
+    assert [r.status for r in records] == ["clear"] * 6
+    assert records[-1].left_uv[:, 0].max() < 480
+
+
+def test_the_speed_can_change_on_the_way():
+    inspector = Inspector(read_paint, CAMERA)
+    assert inspector.speed_mps is None
+    inspector.speed_mps = 5.0
+    assert inspector.speed_mps == 5.0
+    slow = [inspector.feed(f) for f in frames([paint([70.0])] * 8)][-1].advice
+    inspector.speed_mps = 30.0
+    fast = inspector.feed(Frame(8, 0.64, paint([70.0]))).advice
+    assert slow is not None
+    assert fast is not None
+    assert slow.required_m < fast.required_m
+
+
+def test_an_assumed_speed_sizes_the_advice_but_does_not_drive_the_tracking():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=22.0), speed_is_known=False)
+    assert inspector.speed_mps is None
+
+
+def test_inspect_video_yields_one_record_per_frame(tmp_path):
+    path = write_video(tmp_path / "ride.mp4", ride([60.0], 20))
+    records = list(inspect_video(path, read_paint, CAMERA))
+    assert [r.index for r in records] == list(range(20))
+    assert records[-1].time_s == pytest.approx(19 / 12.5, abs=1e-3)
+    assert records[-1].findings
+
+
+def test_inspect_video_refuses_at_the_call_and_can_be_left_early(tmp_path):
+    with pytest.raises(BadInputError, match="does not exist"):
+        inspect_video(tmp_path / "none.mp4", read_paint)
+    path = write_video(tmp_path / "ride.mp4", [paint()] * 10)
+    records = railinspect.inspect_video(path, read_paint, CAMERA)
+    assert next(records).index == 0
+    records.close()
+
+
+@pytest.mark.parametrize("bad", [(math.nan, 1.0), (50.0, math.inf), (-3.0, 1.0)])
+def test_a_range_that_is_no_number_counts_as_no_range(bad):
+    odd = Range(*bad, (1.0, 99.0), "odd")
+    inspector = Inspector(
+        read_paint, CAMERA, Train(speed_mps=10.0), steps=Steps(range_of=lambda *_: odd)
+    )
+    record = [inspector.feed(f) for f in frames(ride([40.0], 8))][-1]
+    assert record.findings[0].range is None
+    assert record.advice is not None
+    assert record.advice.action != "none"
+
+
+def test_a_record_is_plain_json_without_nan():
+    import json
+
+    sound = Inspector(read_paint, CAMERA, Train(speed_mps=10.0))
+    for frame in frames(ride([50.0], 8)):
+        text = json.dumps(sound.feed(frame).as_json(), allow_nan=False)
+        assert set(json.loads(text)) >= {"index", "time_s", "status", "reason", "rails", "advice"}
+
+
+@pytest.mark.parametrize("box", [(0, 0, 3, 3), (600, 300, 639, 359), (0, 0, 639, 359)])
+def test_thumbnails_stay_inside_the_picture(box):
+    import cv2
+
+    jpeg = cut_out(paint(), box)
+    picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape[0] <= 160
+    assert picture.shape[1] <= 240
+
+
+def test_the_public_names_are_these():
+    assert railinspect.__all__ == sorted(railinspect.__all__)
+    for name in railinspect.__all__:
+        assert getattr(railinspect, name).__name__ == name
+    with pytest.raises(AttributeError, match="has no attribute"):
+        _ = railinspect.nothing

@@ -1,0 +1,55 @@
+"""The house rules that tools can hold: style, types, import contracts, and a torch-free runtime."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["ruff", "check", "."],
+        ["ruff", "format", "--check", "."],
+        ["mypy"],
+    ],
+    ids=lambda command: " ".join(command[:2]),
+)
+def test_tool_is_content(command: list[str]) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_import_contracts_hold() -> None:
+    script = Path(sys.executable).with_name("lint-imports")
+    run = subprocess.run([script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def loaded_after(statement: str) -> set[str]:
+    code = (
+        f"{statement}\nimport sys\nprint(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return set(run.stdout.split())
+
+
+TRAINING_STACK = {"torch", "torchvision", "lightning", "albumentations", "onnx", "onnxscript"}
+
+
+def test_runtime_never_loads_the_training_stack() -> None:
+    modules = (
+        "railinspect, railinspect.cli, railinspect.scenes, railops, railops.braking, railops.cli"
+    )
+    assert not TRAINING_STACK & loaded_after(f"import {modules}")
+
+
+def test_the_check_above_can_fail() -> None:
+    assert "onnx" in loaded_after("import railinspect, onnx")
