@@ -187,6 +187,7 @@ def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, Progress, inspect_inputs
     from railinspect.camera import Camera
     from railinspect.progress import ProgressLine
+    from railinspect.warmup import warm_up
 
     settings = InspectSettings(
         camera=Camera.load(options.camera) if options.camera else None,
@@ -196,6 +197,7 @@ def _run_inspect(options: argparse.Namespace) -> int:
         overlay=not options.no_overlay,
     )
     segmenter = _segmenter(options)
+    warm_up()
     line = ProgressLine("inspecting")
 
     def show(progress: Progress) -> None:

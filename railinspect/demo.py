@@ -16,6 +16,7 @@ from railinspect.runfolder import RUN_FILES, RunFolder, refuse_taken
 from railinspect.runinfo import write_json
 from railinspect.scenes import demo_settings
 from railinspect.sinks.json_lines import read_json_lines
+from railinspect.warmup import warm_up
 from railops.braking import Train
 
 TOLERANCE_M: Final = 10.0
@@ -152,6 +153,7 @@ def _inspect(
     quiet: bool,
     steps: Steps | None,
 ) -> RunSummary:
+    warm_up()
     line = ProgressLine("inspecting", quiet=quiet)
 
     def show(progress: Progress) -> None:
