@@ -151,6 +151,8 @@ def _things(
         rows = rows + first
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
         chainage, lateral, _ = place_on_track(track, feet)
+        # Feet stand on the bed, below the plane of the rail tops: a little farther out.
+        lateral *= 1.0 - limits.foot_m / track.camera.height_m
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
@@ -284,6 +286,9 @@ def _judge(
         return None
     if share < limits.inside_share and width_m < limits.wide_m:
         return None
+    inner = float(np.abs(lateral).min())
+    if inner > limits.core_m and float(np.ptp(chainage)) > 3.0 * width_m:
+        return None  # runs along the track: a platform's edge, a wall, a cable trough
     # The body above the foot: the region's pixels in the foot's columns, up to the region's top.
     first, last = int(inside[:, 0].min()), int(inside[:, 0].max())
     base = int(inside[:, 1].max())
@@ -347,7 +352,11 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
         own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
-        extra = _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
+        extra = [
+            lobe
+            for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
+            if _continuous(residual[:, rail], lobe, limits.bend_step_px * scale)
+        ]
         lobes += extra
         kind += [name] * len(extra)
     if not lobes:
@@ -355,14 +364,24 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     return [_distortion(track, lobes, kind, limit, smooth)]
 
 
+def _continuous(residual_px: Array, lobe: tuple[int, int, int], step_px: float) -> bool:
+    """Whether one rail bends out and back without a jump or a hole.
+
+    Where another rail crosses, the measured centre goes along with it and jumps back.
+    """
+    first, last, _ = lobe
+    window = residual_px[max(0, first - 8) : last + 9]
+    return bool(np.all(np.abs(np.diff(window)) <= step_px))  # NaN compares False
+
+
 def _running_mean(values: Array, length: int) -> Array:
     """Centred mean of ``length`` neighbours; NaN where any is missing."""
     out = np.full_like(values, np.nan)
     if len(values) < length:
         return out
-    window = np.lib.stride_tricks.sliding_window_view(values, length)
     half = length // 2
-    out[half : len(values) - half] = window.mean(axis=1)
+    inner = len(values) - 2 * half
+    out[half : half + inner] = sum(values[i : i + inner] for i in range(length)) / length
     return out
 
 

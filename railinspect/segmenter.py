@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.resources
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -76,6 +77,8 @@ class Segmenter:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
+        # Threads that wait by spinning halve the speed as soon as anything else needs the cores.
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
         options.log_severity_level = 4  # what is wrong is said once, by the error below
         try:
             session = onnxruntime.InferenceSession(
@@ -126,24 +129,41 @@ class Segmenter:
         Raises:
             BadInputError: if the array is of another kind.
         """
-        _check_image(rgb)
-        height, width = rgb.shape[:2]
-        wanted = self.metadata.input_size_wh
-        same = (width, height) == wanted
-        if not same:
-            shrinks = width > wanted[0] or height > wanted[1]
-            way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-            rgb = cast(Image, cv2.resize(rgb, wanted, interpolation=way))
-        maps = self._session.run(OUTPUTS, {"image": np.ascontiguousarray(rgb)[None]})
-        labels, confidence, rail_score = (cast(Image, part)[0] for part in maps)
-        if same:
-            return Segmentation(labels, confidence, rail_score)
-        size = (width, height)
-        return Segmentation(
-            cast(Image, cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)),
-            cast(Image, cv2.resize(confidence, size, interpolation=cv2.INTER_LINEAR)),
-            cast(Image, cv2.resize(rail_score, size, interpolation=cv2.INTER_LINEAR)),
+        return segment_at(rgb, self.metadata.input_size_wh, self._run)
+
+    def _run(self, rgb: Image) -> tuple[Image, Image, Image]:
+        labels, confidence, rail_score = self._session.run(
+            OUTPUTS, {"image": np.ascontiguousarray(rgb)[None]}
         )
+        return cast(Image, labels)[0], cast(Image, confidence)[0], cast(Image, rail_score)[0]
+
+
+def segment_at(
+    rgb: Image, size_wh: tuple[int, int], run: Callable[[Image], tuple[Image, Image, Image]]
+) -> Segmentation:
+    """Segment an image of any size with a network of one size.
+
+    Args:
+        rgb: RGB image, uint8 of shape (H, W, 3), at least 16 × 16.
+        size_wh: Width and height the network takes.
+        run: Gives labels, confidence and rail score of an image of that size.
+
+    Raises:
+        BadInputError: if the array is of another kind.
+    """
+    _check_image(rgb)
+    height, width = rgb.shape[:2]
+    if (width, height) == size_wh:
+        return Segmentation(*run(rgb))
+    shrinks = width > size_wh[0] or height > size_wh[1]
+    way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    labels, confidence, rail_score = run(cast(Image, cv2.resize(rgb, size_wh, interpolation=way)))
+    size = (width, height)
+    return Segmentation(
+        cast(Image, cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)),
+        cast(Image, cv2.resize(confidence, size, interpolation=cv2.INTER_LINEAR)),
+        cast(Image, cv2.resize(rail_score, size, interpolation=cv2.INTER_LINEAR)),
+    )
 
 
 @dataclass(frozen=True)

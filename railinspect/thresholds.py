@@ -26,6 +26,9 @@ class Thresholds:
     Attributes:
         clearance_m: Half-width of the clearance envelope for things, metres from the centre line.
             Platform edges lie at about 1.65–1.75 m.
+        core_m: What stays farther out than this and runs along the track is a structure beside
+            it, metres.
+        foot_m: Height of the ground things stand on, metres above the rail tops.
         person_clearance_m: The same for people. A person on a platform appears farther out than
             they stand, because the platform is higher than the plane of the rails.
         reach_share: Things are looked for up to this multiple of the reach of the rails: a thing
@@ -49,6 +52,7 @@ class Thresholds:
         bend_rows: Least number of sampled rows of a deviation.
         bend_length_m: Least length of a deviation along the track, metres.
         bend_one_rail: Factor on the deviation where only one rail shows it.
+        bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels.
         gap_m: Least length of a hole in both rails that counts as an interruption, metres.
         gap_px: Least height of such a hole, pixels.
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
@@ -57,6 +61,8 @@ class Thresholds:
     """
 
     clearance_m: float = 1.7
+    core_m: float = 1.15
+    foot_m: float = -0.15
     person_clearance_m: float = 2.0
     reach_share: float = 1.03
     foreign: tuple[int, ...] = (
@@ -85,6 +91,7 @@ class Thresholds:
     bend_rows: int = 3
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
+    bend_step_px: float = 1.2
     gap_m: float = 1.0
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0

@@ -34,13 +34,13 @@ class FscnnSConfig:
     """
 
     classes: int = 19
-    widths: tuple[int, int, int, int] = (16, 24, 48, 96)
-    blocks: tuple[int, int, int] = (1, 2, 5)
+    widths: tuple[int, int, int, int] = (12, 20, 40, 96)
+    blocks: tuple[int, int, int] = (1, 2, 4)
     expansion: int = 3
     message_channels: int = 32
     message_taps: int = 7
     context: int = 64
-    decoder: tuple[int, int, int] = (32, 24, 16)
+    decoder: tuple[int, int, int] = (24, 16, 12)
     detail: int = 8
     dropout: float = 0.05
 

@@ -81,20 +81,26 @@ class Pair:
 
 
 @numba.njit(cache=True)
-def _vote(points: Array, bottom: float, top: float, a0: float, da: float, c0: float, dc: float,
-          votes: Array) -> None:
-    """Let each point vote for all lines through it; axes are X at the bottom and at the top."""
+def _vote(
+    points: Array, bottom: float, top: float, a0: float, da: float, c0: float, dc: float,
+    horizon: float, heading: float, spread: float, votes: Array,
+) -> None:
+    """Let each point vote for the lines through it that pass near the vanishing point.
+
+    Axes of ``votes`` are X at the bottom and at the top of the band.
+    """
     n_a, n_c = votes.shape
     for i in range(points.shape[0]):
-        t = (points[i, 1] - top) / (bottom - top)  # 0 at the top of the band, 1 at the bottom
-        if t > 0.95:
-            ia = int((points[i, 0] - a0) / da)
-            span = int((1.0 - t) * n_c * dc / (da * t)) + 1
-            first, last = max(0, ia - span), min(n_a, ia + span + 1)
-        else:
-            first, last = 0, n_a
-        for a in range(first, last):
-            c = ((points[i, 0] - t * (a0 + a * da)) / (1.0 - t + 1e-9) - c0) / dc
+        x, y = points[i, 0], points[i, 1]
+        t = (y - top) / (bottom - top)  # 0 at the top of the band, 1 at the bottom
+        stretch = (bottom - y) / (y - horizon)
+        middle = x + (x - heading) * stretch
+        first = max(0, int((middle - spread * stretch - a0) / da))
+        last = min(n_a - 1, int((middle + spread * stretch - a0) / da) + 1)
+        for a in range(first, last + 1):
+            c = ((x - t * (a0 + a * da)) / (1.0 - t + 1e-3) - c0) / dc
+            if t > 0.999:  # at the very bottom X there is the line's, whatever its slope
+                c = (heading + (a0 + a * da - heading) * (top - horizon) / (bottom - horizon) - c0) / dc
             if not 0.0 <= c < n_c - 1.0:
                 continue
             j = int(c)
@@ -169,9 +175,16 @@ def _refined(
 
 
 def find_lines(
-    points: Array, bottom_px: float, top_px: float, half_width_px: float, rows: int, tolerance: float
+    points: Array,
+    bottom_px: float,
+    top_px: float,
+    half_width_px: float,
+    rows: int,
+    tolerance: float,
+    vanishing_px: tuple[float, float],
+    spread_px: float,
 ) -> list[Line]:
-    """Straight lines through ridge points between two levelled rows.
+    """Straight lines through ridge points between two levelled rows, towards the vanishing point.
 
     Args:
         points: Levelled X and Y, weight, image row, ordered by image row, shape (N, 4).
@@ -180,13 +193,16 @@ def find_lines(
         half_width_px: Half the image's width; lines start within 1.6 of it.
         rows: How many rows were sampled for points, for the share in ``votes``.
         tolerance: Distance within which a point supports a line, pixels.
+        vanishing_px: Expected vanishing point (X, Y), above ``top_px``.
+        spread_px: How far to its side lines may pass.
     """
     if len(points) < 8 or rows < 1:
         return []
     votes = np.zeros((_BINS_BOTTOM, _BINS_TOP))
     da, dc = 3.2 * half_width_px / _BINS_BOTTOM, 2.2 * half_width_px / _BINS_TOP
     a0, c0 = -1.6 * half_width_px, -1.1 * half_width_px
-    _vote(points, bottom_px, top_px, a0, da, c0, dc, votes)
+    heading, horizon = vanishing_px
+    _vote(points, bottom_px, top_px, a0, da, c0, dc, horizon, heading, spread_px, votes)
     found = np.empty((_LINES, 3))
     count = _peaks(votes, 0.12 * rows, 3, found)
     lines: list[Line] = []

@@ -34,6 +34,9 @@ STOPS = {
 }
 
 
+_FIT_ROWS = 120
+
+
 @dataclass(frozen=True)
 class Description:
     """Everything measured along one track.
@@ -154,7 +157,10 @@ def _smooth(
     sigma = np.hypot(0.7 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
     sides = np.broadcast_to(side, rail_x.shape)
     start = float(np.median(half[: max(4, len(half) // 3)]))
-    smooth = fit_smooth(rail_x[seen], rail_y[seen], sides[seen], sigma[seen], start)
+    fitted = seen.copy()
+    if len(seen) > _FIT_ROWS:  # every other row: neighbours say nearly the same
+        fitted[1::2] = False
+    smooth = fit_smooth(rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start)
     flat = rail_x.ravel()
     slope = smooth.slope(flat)
     lean = np.sqrt(1.0 + slope**2)

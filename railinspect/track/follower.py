@@ -30,6 +30,9 @@ from railinspect.track.vanishing import smoothed, vanishing_point
 
 Array = npt.NDArray[np.float64]
 
+_BAND_ROWS = 64
+"""Rows sampled for the lines near the camera: more only costs time."""
+
 _LEAST_PX = 16
 """Images narrower or lower than this cannot show a track."""
 
@@ -40,7 +43,9 @@ class FollowerState:
 
     Attributes:
         size_wh: Image size the state belongs to, pixels; None before the first frame.
-        horizon: Horizon and spacing growth.
+        home: Horizon and spacing growth about which the vehicle swings.
+        aside: Mean offset of the centre line near the camera, pixels per row.
+        frames: Followed frames that ``home`` and ``aside`` were learnt from.
         pair: Ego rails' lines near the camera at the last frame they were found.
         vanishing_px: Smoothed vanishing point, levelled pixels.
         curvature: Curvature near the camera, 1/m.
@@ -49,7 +54,9 @@ class FollowerState:
     """
 
     size_wh: tuple[int, int] | None = None
-    horizon: Horizon | None = None
+    home: Horizon | None = None
+    aside: float = 0.0
+    frames: int = 0
     pair: Pair | None = None
     vanishing_px: tuple[float, float] | None = None
     curvature: float = 0.0
@@ -117,29 +124,23 @@ class TrackFollower:
             return nothing_followed(
                 camera, f"the image is smaller than {_LEAST_PX} pixels", calibrated
             )
-        if state.horizon is None:
-            state = replace(state, horizon=prior_horizon(camera, calibrated))
-        assert state.horizon is not None
         scale = width / 640.0
-        walk = 1.5 * scale if state.pair is not None else 0.0
-        horizon = state.horizon.later(walk, 0.002)
-        candidates, lines = self._candidates(segmentation.rail_score, camera, horizon, state)
-        if not candidates:
-            self._state = self._after_loss(replace(state, horizon=horizon))
-            return nothing_followed(
-                replace(camera, pitch_rad=Level(camera, horizon.row_px).pitch_rad),
-                STOPS[growing.NO_BEGIN],
-                calibrated,
-            )
-        best = max(candidates, key=lambda c: c.growth.support + 0.1 * c.pair.score)
-        best, centres = self._settled(segmentation.rail_score, best)
-        description = describe(best.level, best.growth, centres, best.s_first, self._settings)
-        if description is None:
-            self._state = self._after_loss(replace(state, horizon=horizon))
-            return nothing_followed(
-                best.level.tilted_camera(), STOPS[growing.NO_BEGIN], calibrated
-            )
-        return self._finish(best, description, lines, state, calibrated)
+        home = state.home or prior_horizon(camera, calibrated)
+        home = home.later(self._settings.home_walk_px * scale, self._settings.growth_walk)
+        state = replace(state, home=home)
+        now = home.swung(self._settings.swing_px * scale)
+        candidates, lines = self._candidates(segmentation.rail_score, camera, now, state)
+        settled = None
+        if candidates:
+            best = max(candidates, key=lambda c: c.growth.support + 0.1 * c.pair.score)
+            best, centres, measured = self._settled(segmentation.rail_score, best, now)
+            found = describe(best.level, best.growth, centres, best.s_first, self._settings)
+            settled = None if found is None else (best, found, measured)
+        if settled is None:
+            self._state = self._after_loss(state)
+            tilted = replace(camera, pitch_rad=Level(camera, home.row_px).pitch_rad)
+            return nothing_followed(tilted, STOPS[growing.NO_BEGIN], calibrated)
+        return self._finish(*settled, lines, state, calibrated)
 
     # Set-up of a frame
 
@@ -180,30 +181,22 @@ class TrackFollower:
 
     # Beginning points
 
-    def _prior(self, camera: Camera, horizon: Horizon, state: FollowerState, s_first: float) -> Prior:
+    def _prior(self, camera: Camera, now: Horizon, state: FollowerState, s_first: float) -> Prior:
         scale = camera.size_wh[0] / 640.0
+        row_std = math.hypot(now.row_std_px, 1.5 * scale)
+        growth_std = math.hypot(now.growth_std, 0.02)
+        if state.frames:
+            aside, aside_std = state.aside, math.hypot(0.03, 0.1 / state.frames)
+        else:
+            aside = camera.offset_m * math.cos(camera.pitch_rad) / camera.height_m
+            aside_std = 0.10 if self._given is not None else 0.16
         if state.pair is not None:
-            heading = state.vanishing_px[0] if state.vanishing_px else state.pair.vanishing_px[0]
-            return Prior(
-                horizon.row_px,
-                math.hypot(horizon.row_std_px, 4.0 * scale),
-                horizon.growth,
-                math.hypot(horizon.growth_std, 0.05),
-                state.pair.aside,
-                self._settings.begin_px * scale / s_first,
-                heading,
-                15.0 * scale,
-            )
-        lateral = 0.10 if self._given is not None else 0.16
+            last = state.vanishing_px if state.vanishing_px else state.pair.vanishing_px
+            heading, heading_std = last[0], 15.0 * scale
+        else:
+            heading, heading_std = camera.focal_px * math.tan(camera.yaw_rad), 64.0 * scale
         return Prior(
-            horizon.row_px,
-            math.hypot(horizon.row_std_px, 4.0 * scale),
-            horizon.growth,
-            math.hypot(horizon.growth_std, 0.05),
-            camera.offset_m * math.cos(camera.pitch_rad) / camera.height_m,
-            lateral,
-            camera.focal_px * math.tan(camera.yaw_rad),
-            0.10 * camera.size_wh[0],
+            now.row_px, row_std, now.growth, growth_std, aside, aside_std, heading, heading_std
         )
 
     def _candidates(
@@ -221,7 +214,7 @@ class TrackFollower:
         s_first = bottom - horizon.row_px
         if s_first < 12:
             return [], []
-        stride = max(1, height // 360)
+        stride = max(1, int(settings.band * s_first / _BAND_ROWS))
         top = bottom - settings.band * s_first
         tilt = abs(math.sin(camera.roll_rad)) * width / 2
         first_row = int(max(0.0, height - 1 - settings.band * s_first - tilt))
@@ -231,8 +224,17 @@ class TrackFollower:
         points = np.hstack([level.from_pixels(points[:, :2]), points[:, 2:], points[:, 1:2]])
         points = points[points[:, 1] >= top]
         rows = max(1, int(settings.band * s_first / stride))
-        lines = find_lines(points, bottom, top, width / 2, rows, 2.5 * scale)
         prior = self._prior(camera, horizon, state, s_first)
+        lines = find_lines(
+            points,
+            bottom,
+            top,
+            width / 2,
+            rows,
+            2.5 * scale,
+            (prior.heading_px, prior.horizon_px),
+            3.0 * prior.heading_std_px + 1.2 * prior.horizon_std_px,
+        )
         pairs = [
             pair
             for pair in pairs_of(lines, bottom, prior, limit=6)
@@ -308,34 +310,31 @@ class TrackFollower:
     # Refinement and result
 
     def _settled(
-        self, score: npt.NDArray[np.uint8], best: _Candidate
-    ) -> tuple[_Candidate, Centres]:
+        self, score: npt.NDArray[np.uint8], best: _Candidate, now: Horizon
+    ) -> tuple[_Candidate, Centres, tuple[float, float, Array] | None]:
         """Measure the centres, learn the horizon from them, and grow again if it moved."""
         settings = self._settings
         scale = score.shape[1] / 640.0
+        bottom = best.s_first + best.level.horizon_px
         centres = measure_centres(score, best.level, best.growth, best.s_first, settings)
+        measured = None
         for _ in range(2):
             measured = self._measured_horizon(best, centres, scale)
             if measured is None:
                 break
-            horizon = best.horizon.updated(*measured)
+            # The frame's prior, not the pair's: the same rows must not count twice.
+            horizon = now.updated(*measured)
             moved = abs(horizon.row_px - best.level.horizon_px)
-            level = self._level(best.level.camera, horizon)
-            bottom = best.s_first + best.level.horizon_px
-            growth = best.growth
-            if moved > 0.4 * scale:
-                growth = self._grow_from(score, level, best.pair, bottom, 0.0)
-                if growth.last < 3:
-                    break
-            else:
+            if moved < 0.4 * scale:
                 best = replace(best, horizon=horizon)
                 break
-            # The same frame's rows must not count twice: keep the filter's first update only.
-            best = _Candidate(best.pair, level, best.horizon, bottom - horizon.row_px, growth)
+            level = self._level(best.level.camera, horizon)
+            growth = self._grow_from(score, level, best.pair, bottom, 0.0)
+            if growth.last < 3:
+                break
+            best = _Candidate(best.pair, level, horizon, bottom - horizon.row_px, growth)
             centres = measure_centres(score, level, growth, best.s_first, settings)
-            best = replace(best, horizon=horizon)
-            break
-        return best, centres
+        return best, centres, measured
 
     def _measured_horizon(
         self, best: _Candidate, centres: Centres, scale: float
@@ -361,6 +360,7 @@ class TrackFollower:
         self,
         best: _Candidate,
         found: Description,
+        measured: tuple[float, float, Array] | None,
         lines: list[Line],
         state: FollowerState,
         calibrated: bool,
@@ -385,15 +385,11 @@ class TrackFollower:
             reason = "the rails do not stand out from the ground between them"
         nodes = best.growth.nodes
         curvature = float(nodes[min(6, best.growth.last - 1), growing.KAPPA])
-        new = replace(
-            state,
-            horizon=best.horizon,
-            pair=best.pair,
-            vanishing_px=vanishing,
-            curvature=curvature,
-            lost=0,
-        )
-        self._state = new if followed else self._after_loss(new, state.lost)
+        new = replace(state, pair=best.pair, vanishing_px=vanishing, curvature=curvature, lost=0)
+        if not followed:
+            self._state = self._after_loss(replace(new, lost=state.lost))
+        else:
+            self._state = self._learnt(new, best, measured, scale)
         begin = level.to_pixels(
             np.array([[best.pair.left.bottom_px, bottom], [best.pair.right.bottom_px, bottom]])
         )
@@ -415,11 +411,30 @@ class TrackFollower:
             support=best.growth.support,
         )
 
-    def _after_loss(self, state: FollowerState, lost: int | None = None) -> FollowerState:
-        """One more frame without a track; after too many, forget where it was."""
-        count = (state.lost if lost is None else lost) + 1
-        if count <= self._settings.lost_frames:
-            return replace(state, lost=count)
+    def _learnt(
+        self,
+        state: FollowerState,
+        best: _Candidate,
+        measured: tuple[float, float, Array] | None,
+        scale: float,
+    ) -> FollowerState:
+        """Move the slow means towards what this frame measured."""
+        home = state.home
+        if measured is not None and home is not None:
+            row, growth, covariance = measured
+            swing = np.diag([(self._settings.swing_px * scale) ** 2, (0.01 * growth) ** 2])
+            home = home.updated(row, growth, covariance + swing)
+        share = 1.0 / min(state.frames + 1, self._settings.memory_frames)
+        aside = state.aside + share * (best.pair.aside - state.aside)
+        return replace(state, home=home, aside=aside, frames=state.frames + 1)
+
+    def _after_loss(self, state: FollowerState) -> FollowerState:
+        """One more frame without a track: after some the place is forgotten, then the camera."""
+        lost = state.lost + 1
+        if lost <= self._settings.lost_frames:
+            return replace(state, lost=lost)
+        if lost <= 4 * self._settings.lost_frames:
+            return replace(state, lost=lost, pair=None, vanishing_px=None, curvature=0.0)
         return FollowerState(size_wh=state.size_wh, index=state.index)
 
 

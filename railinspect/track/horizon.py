@@ -2,8 +2,9 @@
 
 In the levelled view the spacing of the rails is ``w = k·(Y − Y_h)``: a straight line whose zero is
 the horizon and whose slope k = spacing_m·cos θ / h gives the camera's height without knowing its
-focal length. A two-state Kalman filter keeps both: k belongs to the vehicle and hardly changes,
-Y_h moves with the suspension.
+focal length. A two-state Kalman filter keeps both. They belong to the vehicle and hardly change,
+but the suspension makes the horizon swing about its mean: a frame's horizon is the mean with that
+swing added, and another track's rails, which need another k and another horizon, are no match.
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ class Horizon:
         row_px: Y_h, levelled pixels below the principal point.
         growth: k, pixels of spacing per row below the horizon.
         covariance: Of (Y_h, k), shape (2, 2).
-        fixed_growth_std: Share of k's standard deviation that measuring cannot reduce (the
-            gauge and the height of a calibrated camera are not measured by k separately).
     """
 
     row_px: float
@@ -49,6 +48,12 @@ class Horizon:
         """The estimate one frame later: less certain by a random walk of each state."""
         walk = np.diag([row_walk_px**2, (growth_walk * self.growth) ** 2])
         return Horizon(self.row_px, self.growth, self.covariance + walk)
+
+    def swung(self, swing_px: float) -> Horizon:
+        """What is known of one frame's horizon, about which the vehicle swings."""
+        return Horizon(
+            self.row_px, self.growth, self.covariance + np.diag([swing_px**2, 0.0])
+        )
 
     def updated(self, row_px: float, growth: float, covariance: Array) -> Horizon:
         """The estimate after a measurement of both states with its covariance."""

@@ -23,6 +23,10 @@ class FollowerSettings:
             between the horizon and the bottom.
         begin_px: Δ_b of the paper: how far a beginning point may move from frame to frame.
         lost_frames: After so many frames without a followed track it is searched anew.
+        swing_px: Standard deviation of the horizon's swing about its mean (pitching vehicle).
+        home_walk_px: Random walk of that mean per frame.
+        growth_walk: Random walk of ln k per frame: heights and gauges hardly change.
+        memory_frames: Frames the mean offset of the centre line is taken over.
         psi: ψ of (42), 1/px².
         shrink: Each growing window ends at this share of its own distance from the horizon, pixels.
         step_px: Lateral sampling step of the growing windows.
@@ -50,6 +54,10 @@ class FollowerSettings:
     band: float = 0.65
     begin_px: float = 12.0
     lost_frames: int = 8
+    swing_px: float = 3.0
+    home_walk_px: float = 0.1
+    growth_walk: float = 3e-4
+    memory_frames: int = 60
     psi: float = 0.05
     shrink: float = 0.90
     step_px: float = 0.5

@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 LANES = 16
 LANE_STEP_S = 1.0
-RAMP_STEP_S = 0.25  # adhesion may cut the ramp short within a step: the sharpest kink there is
+RAMP_STEP_S = 0.5
 _HORIZON_S = 1800.0
 # Rows of the workspace. One flat array with constant offsets: the compiler can then prove that
 # rows do not overlap, which it must before it vectorises.
@@ -201,6 +201,7 @@ def run_lanes(
         out: Stopping distances, metres, inf where a lane never stands. Shape (LANES,).
     """
     moving = 0
+    length = np.empty(LANES)
     for i in range(LANES):
         w[_S + i] = 0.0
         w[_DB + i], w[_DW + i] = 0.0, 0.0
@@ -211,17 +212,23 @@ def run_lanes(
     for phase in range(3):
         longest = 0.0
         for i in range(LANES):
-            length = delay_s[i] if phase == 0 else build_up_s[i]
-            longest = max(longest, length)
+            if phase == 0:
+                length[i] = delay_s[i]
+            elif phase == 1:
+                # The rise ends where adhesion takes over: no step straddles that kink either.
+                full, _, _ = _look_up(course.brake, w[_V + i], 0)
+                cap = adhesion_limit(w[_V + i], w[_ADHESION + i])
+                short = cap < w[_BRAKE + i] * full
+                length[i] = build_up_s[i] * (cap / (w[_BRAKE + i] * full) if short else 1.0)
+            longest = max(longest, length[i])
         if phase == 2:
             longest = _HORIZON_S
         steps = int(np.ceil(longest / (RAMP_STEP_S if phase == 1 else LANE_STEP_S)))
         for i in range(LANES):
-            length = delay_s[i] if phase == 0 else build_up_s[i]
             stands = w[_V + i] <= 0.0
-            w[_H + i] = 0.0 if stands else (length / steps if phase < 2 else LANE_STEP_S)
+            w[_H + i] = 0.0 if stands else (length[i] / steps if phase < 2 else LANE_STEP_S)
             w[_SHARE + i] = 1.0 if phase == 2 else 0.0
-            w[_GROWTH + i] = 1.0 / length if phase == 1 and length > 0.0 else 0.0
+            w[_GROWTH + i] = 1.0 / build_up_s[i] if phase == 1 and build_up_s[i] > 0.0 else 0.0
         for _ in range(steps):
             if moving == 0:
                 return

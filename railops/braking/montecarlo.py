@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from railops._compile import compiled
 from railops.braking._lanes import LANES, WORKSPACE, Course, run_lanes, set_lane, table_of
@@ -158,7 +158,7 @@ class StopLaw:
         """
         d = self.disturbances
         units = self.train.brake_units
-        failures = stats.binom.sf(np.arange(units), units, d.unit_failure)
+        failures: Array = np.asarray(special.bdtrc(np.arange(units), units, d.unit_failure), float)
         scale = np.array([getattr(d, name) for name in d.__dataclass_fields__], float)
         result = np.empty(len(z)) if out is None else out
         train, brake = self.train, getattr(self.train, self.brake)
@@ -219,6 +219,12 @@ class Quantile:
     confidence: float
 
 
+def _binomial_quantile(level: float, n: int, p: float) -> int:
+    """Smallest k with P(X <= k) >= level; without scipy.stats' second of start-up."""
+    k = max(math.ceil(float(special.bdtrik(level, n, p))), 0)
+    return k - 1 if k > 0 and special.bdtr(k - 1, n, p) >= level else k
+
+
 @dataclass(frozen=True)
 class Campaign:
     """Simulated stops.
@@ -256,8 +262,7 @@ class Campaign:
         check_range("confidence", confidence, 0.0, 1.0 - 1e-12, above=True)
         n = self.distances_m.size
         tail = (1.0 - confidence) / 2.0
-        low = int(stats.binom.ppf(tail, n, q))
-        high = int(stats.binom.ppf(1.0 - tail, n, q)) + 1
+        low, high = _binomial_quantile(tail, n, q), _binomial_quantile(1.0 - tail, n, q) + 1
         middle = min(max(math.ceil(q * n), 1), n)
         if low < 1 or high > n:
             raise DomainError(

@@ -10,6 +10,7 @@ peaks over a threshold, the limit law of tails, with an interval that admits its
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass
 
@@ -121,6 +122,12 @@ def pearson_likelihood(sample: npt.ArrayLike) -> PearsonI:
         log_density = (a - 1.0) * np.log(y) + (b - 1.0) * np.log1p(-y)
         return float(x.size * (special.betaln(a, b) + math.log(end - start)) - log_density.sum())
 
+    starts = [[0.5, 0.5, -2.0, -2.0], [2.0, 2.0, 0.5, 0.5]]
+    with contextlib.suppress(EvidenceError):  # heavy tails have no start from the moments
+        m = pearson_moments(x)
+        shapes = [math.log(max(m.a - 1.0, 0.05)), math.log(max(m.b - 1.0, 0.05))]
+        ends = [math.log(max(gap / spread, 1e-3)) for gap in (low - m.low, m.high - high)]
+        starts.append(shapes + ends)
     fits = [
         optimize.minimize(
             loss,
@@ -128,7 +135,7 @@ def pearson_likelihood(sample: npt.ArrayLike) -> PearsonI:
             method="Nelder-Mead",
             options={"maxiter": 4000, "maxfev": 4000, "xatol": 1e-5, "fatol": 1e-6},
         )
-        for start in ([0.5, 0.5, -2.0, -2.0], [2.0, 2.0, 0.5, 0.5])
+        for start in starts
     ]
     best = min(fits, key=lambda fit: float(fit.fun))
     return _tested(x, *unpack(best.x), "likelihood")

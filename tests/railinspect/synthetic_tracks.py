@@ -65,6 +65,9 @@ def draw_rail(score: npt.NDArray[np.uint8], camera: Camera, line: Array, across:
         normal = np.stack([-step[:, 1], step[:, 0]], 1) / length[:, None]
     ends = np.stack([centre - normal * half[:, None], centre + normal * half[:, None]], 1)
     usable = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends) < 30000).all(axis=(1, 2))
+    height, width = score.shape
+    inside = (centre[:, 0] > -40) & (centre[:, 0] < width + 40) & (centre[:, 1] < height + 40)
+    usable &= inside
     for i in np.flatnonzero(usable[:-1] & usable[1:]):
         quad = np.array([ends[i, 0], ends[i, 1], ends[i + 1, 1], ends[i + 1, 0]])
         cv2.fillConvexPoly(score, np.round(quad * 16).astype(np.int32), 255, cv2.LINE_AA, 4)
@@ -100,6 +103,9 @@ def draw(
     masks[ray[..., 2] >= 0] = L.SKY
     line = centre_line(curvature, length_m)
     line = line[line[:, 0] >= from_m]
+    if bend is None:  # far away, short steps are less than a pixel
+        steps = np.maximum(1, (line[:, 0] / 12).astype(int))
+        line = line[np.concatenate([[True], np.diff(np.cumsum(1.0 / steps).astype(int)) > 0])]
     score = np.zeros((height, width), np.uint8)
     shift = bend(line[:, 0]) if bend is not None else np.zeros(len(line))
     for track in (0.0, *others_m):

@@ -29,15 +29,15 @@ def farthest(z):
 @pytest.mark.parametrize("probability", [1e-4, 1e-6, 1e-8])
 def test_constant_deceleration_with_gaussian_errors(probability):
     threshold = 200.0 / (1.0 + 0.05 * stats.norm.ppf(probability))
-    found = tail(LAW.distances, threshold, DIMENSIONS, np.random.default_rng(1), 30_000)
+    found = tail(LAW.distances, threshold, DIMENSIONS, np.random.default_rng(1), 12_000)
     assert found.probability == pytest.approx(probability, rel=0.1)
-    assert found.cov < 0.1
+    assert found.cov < 0.05
     assert found.agrees
 
 
 @pytest.mark.parametrize("method", [subset, importance])
 def test_both_methods_are_unbiased_and_honest_about_their_spread(method):
-    runs = [method(linear, 4.0, 5, np.random.default_rng(s), 5_000) for s in range(30)]
+    runs = [method(linear, 4.0, 5, np.random.default_rng(s), 3_000) for s in range(30)]
     ratio = np.array([run.probability for run in runs]) / stats.norm.sf(4.0)
     assert ratio.mean() == pytest.approx(1.0, abs=4 * ratio.std() / math.sqrt(30) + 0.01)
     claimed = np.mean([run.cov for run in runs])
@@ -45,20 +45,20 @@ def test_both_methods_are_unbiased_and_honest_about_their_spread(method):
 
 
 def test_subset_finds_two_failure_modes():
-    found = subset(farthest, 5.0, 3, np.random.default_rng(2), 20_000)
+    found = subset(farthest, 5.0, 3, np.random.default_rng(2), 10_000)
     assert found.probability == pytest.approx(2 * stats.norm.sf(5.0), rel=0.25)
 
 
 def test_quantile_is_the_inverse():
-    x = quantile(LAW.distances, 1e-6, DIMENSIONS, np.random.default_rng(3), 30_000)
+    x = quantile(LAW.distances, 1e-6, DIMENSIONS, np.random.default_rng(3), 15_000)
     assert x == pytest.approx(200.0 / (1.0 + 0.05 * stats.norm.ppf(1e-6)), rel=2e-3)
 
 
 def test_full_dynamics_agree_with_plain_monte_carlo():
     law = StopLaw(Train(22.0))
-    campaign = law.simulate(400_000, seed=4)
+    campaign = law.simulate(200_000, seed=4)
     threshold = campaign.quantile(0.999).value
-    found = tail(law.distances, threshold, DIMENSIONS, np.random.default_rng(5), 20_000)
+    found = tail(law.distances, threshold, DIMENSIONS, np.random.default_rng(5), 8_000)
     assert found.probability == pytest.approx(1e-3, rel=0.2)
     assert found.agrees
 

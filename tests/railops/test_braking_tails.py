@@ -36,6 +36,16 @@ def test_pearson_recovers_a_beta_law(fit):
     assert found.chi2_p > 1e-3
 
 
+def test_likelihood_is_never_worse_than_moments():
+    for seed, law in enumerate([stats.beta(1.2, 1.5), stats.beta(8, 2, -5, 9), stats.uniform()]):
+        sample = law.rvs(3000, random_state=seed)
+        scores = []
+        for fit in (pearson_moments(sample), pearson_likelihood(sample)):
+            scale = fit.high - fit.low
+            scores.append(stats.beta.logpdf(sample, fit.a, fit.b, fit.low, scale).sum())
+        assert scores[1] >= scores[0] - 0.5
+
+
 def test_moments_are_exact_for_exact_moments():
     # Golden: beta(2, 3) on [0, 1] has mean 0.4, variance 0.04; quantiles as a dense sample.
     dense = stats.beta(2, 3).ppf((np.arange(200_000) + 0.5) / 200_000)

@@ -40,8 +40,8 @@ def test_ridge_points_of_an_empty_mask() -> None:
 
 
 def test_lines_through_points_are_found_to_a_fraction_of_a_pixel() -> None:
-    truth = [(-48.0, -0.25), (48.0, 0.25), (150.0, 0.9)]
-    lines = find_lines(points_on(truth, 190.0, 120), 190.0, 70.0, 320.0, 120, 2.5)
+    truth = [(-48.0, -0.25), (48.0, 0.25), (150.0, 0.79)]
+    lines = find_lines(points_on(truth, 190.0, 120), 190.0, 70.0, 320.0, 120, 2.5, (0.0, 0.0), 60.0)
     for x, slope in truth:
         nearest = min(lines, key=lambda line: abs(line.bottom_px - x))
         assert nearest.bottom_px == pytest.approx(x, abs=0.1)

@@ -208,9 +208,13 @@ def test_after_a_loss_the_last_beginning_points_stay_for_a_while() -> None:
     geometry = follower.update(blank)
     assert not geometry.followed
     assert follower.state().pair is not None
-    for _ in range(12):
+    for _ in range(8):
         assert not follower.update(blank).followed
     assert follower.state().pair is None
+    assert follower.state().home is not None
+    for _ in range(24):
+        assert not follower.update(blank).followed
+    assert follower.state().home is None
     assert follower.update(masks).followed
 
 

@@ -1,0 +1,125 @@
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from fscnn.data.datasets import (
+    DrawSampler,
+    FolderSource,
+    JoinedSource,
+    SceneSource,
+    SegmentationDataset,
+)
+from fscnn.data.module import DataConfig, RailData
+from fscnn.data.transforms import RailCrop, training_transform
+from railinspect.errors import BadInputError
+from railinspect.labels import RAIL_RAISED
+from tests.fscnn.drawing import draw, write_set
+
+
+def digests(data: RailData, epoch: int = 0) -> list[str]:
+    loader = data.train_dataloader()
+    loader.sampler.set_epoch(epoch)
+    return [
+        hashlib.sha256(image.numpy().tobytes() + mask.numpy().tobytes()).hexdigest()
+        for images, masks in loader
+        for image, mask in zip(images, masks, strict=True)
+    ]
+
+
+@pytest.fixture
+def one_image(tmp_path: Path) -> str:
+    write_set(tmp_path, 8)
+    # Eight times the same picture: whatever differs between samples is randomness.
+    first_image = (tmp_path / "jpgs/rs00000.jpg").read_bytes()
+    first_mask = (tmp_path / "uint8/rs00000.png").read_bytes()
+    for i in range(1, 8):
+        (tmp_path / f"jpgs/rs{i:05d}.jpg").write_bytes(first_image)
+        (tmp_path / f"uint8/rs{i:05d}.png").write_bytes(first_mask)
+    return str(tmp_path)
+
+
+def config(folder: str, workers: int) -> DataConfig:
+    return DataConfig(
+        train_folders=[folder], val_folders=[folder], crop_wh=[48, 32], batch_size=2, workers=workers
+    )
+
+
+def test_workers_do_not_repeat_each_other(one_image: str) -> None:
+    with_two = digests(RailData(config(one_image, 2), seed=7))
+    assert len(set(with_two)) == 8
+
+
+def test_samples_depend_on_seed_and_epoch_but_not_on_workers(one_image: str) -> None:
+    alone = digests(RailData(config(one_image, 0), seed=7))
+    assert digests(RailData(config(one_image, 2), seed=7)) == alone
+    assert not set(digests(RailData(config(one_image, 0), seed=7), epoch=1)) & set(alone)
+    assert not set(digests(RailData(config(one_image, 0), seed=8))) & set(alone)
+
+
+def test_sampler_permutes_every_epoch() -> None:
+    sampler = DrawSampler(5, seed=0)
+    first = list(sampler)
+    sampler.set_epoch(1)
+    second = list(sampler)
+    assert sorted(i for i, _ in first) == sorted(i for i, _ in second) == list(range(5))
+    assert [d for _, d in first + second] == list(range(10))
+    assert [i for i, _ in first] != [i for i, _ in second]
+
+
+def test_joined_sources_count_through(tmp_path: Path) -> None:
+    write_set(tmp_path / "a", 2)
+    write_set(tmp_path / "b", 3)
+    joined = JoinedSource([FolderSource(tmp_path / "a"), FolderSource(tmp_path / "b")])
+    assert len(joined) == 5
+    assert np.array_equal(joined(4)[1], draw(2)[1])
+    assert np.array_equal(joined(1)[1], draw(1)[1])
+
+
+def test_scenes_stream_from_the_renderer() -> None:
+    source = SceneSource(start=3, count=2)
+    image, mask = SegmentationDataset(source, len(source))[1]
+    assert image.dtype == mask.dtype == torch.uint8
+    assert image.shape == (3, *mask.shape)
+
+
+def test_no_data_is_said() -> None:
+    with pytest.raises(BadInputError, match=r"set data\.train_folders or data\.train_scenes"):
+        RailData(DataConfig())
+    with pytest.raises(BadInputError, match=r"\[480, 270\] must be divisible by 16"):
+        RailData(DataConfig(crop_wh=[480, 270]))
+
+
+def test_crops_keep_image_and_mask_together() -> None:
+    # Paint the mask into the image: wherever the crop lands, they must still agree.
+    mask = draw(0, 192, 128)[1]
+    image = np.repeat(mask[..., None], 3, axis=2)
+    crop = RailCrop((64, 48), zoom=(1.0, 1.0), aspect=1.0)
+    for seed in range(20):
+        crop.set_random_seed(seed)
+        done = crop(image=image, mask=mask)
+        assert done["mask"].shape == (48, 64)
+        assert np.array_equal(done["image"][..., 0], done["mask"])
+
+
+def test_crops_look_for_rails() -> None:
+    mask = np.zeros((400, 400), np.uint8)
+    mask[390, 5] = RAIL_RAISED
+    image = np.zeros((400, 400, 3), np.uint8)
+    crop = RailCrop((64, 64), zoom=(1.0, 1.0), aspect=1.0, rail_share=1.0)
+    for seed in range(10):
+        crop.set_random_seed(seed)
+        assert (crop(image=image, mask=mask)["mask"] == RAIL_RAISED).any()
+
+
+def test_transform_keeps_ids_sizes_and_types() -> None:
+    image, mask = draw(3, 192, 128)
+    transform = training_transform((96, 64))
+    for seed in range(30):
+        transform.set_random_seed(seed)
+        done = transform(image=image, mask=mask)
+        assert done["image"].shape == (64, 96, 3)
+        assert done["image"].dtype == np.uint8
+        assert set(np.unique(done["mask"])) <= {*np.unique(mask), 255}

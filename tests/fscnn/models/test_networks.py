@@ -1,0 +1,93 @@
+import pytest
+import torch
+
+from fscnn.models import NAMES, build, decide, rail_probability, settings_of
+from railinspect.errors import BadInputError
+from railinspect.labels import HUMAN, RAIL_EMBEDDED, RAIL_RAISED, SKY
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("height_width", [(48, 80), (50, 66)])
+def test_every_network_builds_and_scores_all_classes(
+    name: str, height_width: tuple[int, int]
+) -> None:
+    network = build(name).eval()
+    with torch.no_grad():
+        scores = network(torch.rand(2, 3, *height_width))
+    assert scores.shape == (2, 19, height_width[0] // 2, height_width[1] // 2)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_settings_rebuild_the_network(name: str) -> None:
+    network = build(name, {"message_taps": 5, "widths": [8, 12, 16, 24]})
+    again = build(name, settings_of(network))
+    again.load_state_dict(network.state_dict())
+    assert settings_of(again) == settings_of(network)
+
+
+def test_batching_changes_nothing() -> None:
+    torch.manual_seed(0)
+    network = build("fscnn_s").eval()
+    images = torch.rand(3, 3, 48, 64)
+    with torch.no_grad():
+        alone = torch.cat([network(image[None]) for image in images])
+        torch.testing.assert_close(network(images), alone, rtol=1e-4, atol=1e-4)
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(BadInputError, match="unknown network 'fscnn_x'; known: fscnn_s"):
+        build("fscnn_x")
+    with pytest.raises(BadInputError, match="no setting 'width'"):
+        build("fscnn_s", {"width": 3})
+
+
+def scores_of(cells: list[list[dict[int, float]]]) -> torch.Tensor:
+    scores = torch.zeros(1, 19, len(cells), len(cells[0]))
+    for v, row in enumerate(cells):
+        for u, cell in enumerate(row):
+            for label, value in cell.items():
+                scores[0, label, v, u] = value
+    return scores
+
+
+def test_decide_takes_the_likeliest_class_and_says_how_sure() -> None:
+    labels, confidence, rail_score = decide(scores_of([[{SKY: 50.0}, {HUMAN: 50.0}]]))
+    assert labels.tolist() == [[[SKY, SKY, HUMAN, HUMAN]] * 2]
+    assert confidence.unique().tolist() == [255]
+    assert rail_score.unique().tolist() == [0]
+    assert {part.dtype for part in (labels, confidence, rail_score)} == {torch.uint8}
+
+
+def test_decide_equals_softmax_where_nothing_varies() -> None:
+    torch.manual_seed(1)
+    one = torch.randn(5, 19) * 3
+    labels, confidence, rail_score = decide(one[:, :, None, None].expand(5, 19, 3, 4))
+    chances = one.softmax(1)
+    rails = chances[:, RAIL_RAISED:].sum(1)
+    is_rail = (rails * 255).round() >= 128
+    expected = torch.where(
+        is_rail, RAIL_RAISED + chances[:, RAIL_RAISED:].argmax(1), chances[:, :17].argmax(1)
+    )
+    for i in range(5):
+        assert labels[i].unique().tolist() == [int(expected[i])]
+        assert abs(int(confidence[i, 0, 0]) - float(chances[i].max() * 255)) <= 0.51
+        assert abs(int(rail_score[i, 0, 0]) - float(rails[i] * 255)) <= 0.51
+
+
+def test_rails_are_decided_between_cells_and_keep_their_kind() -> None:
+    # Three cells, the middle one embedded rail with P = 1: at full size P is 1/4, 3/4, 3/4, 1/4.
+    cells = [[{SKY: 60.0}, {RAIL_EMBEDDED: 60.0}, {SKY: 60.0}]]
+    labels, _, rail_score = decide(scores_of(cells))
+    assert labels[0, 0].tolist() == [SKY, SKY, RAIL_EMBEDDED, RAIL_EMBEDDED, SKY, SKY]
+    assert rail_score[0, 0].tolist() == [0, 64, 191, 191, 64, 0]
+
+
+def test_rail_probability_is_the_sum_of_both_kinds() -> None:
+    scores = torch.zeros(1, 19, 1, 1)
+    assert float(rail_probability(scores)) == pytest.approx(2 / 19)
+
+
+def test_huge_scores_stay_finite() -> None:
+    labels, confidence, _ = decide(scores_of([[{SKY: 1e4, HUMAN: -1e4}]]))
+    assert labels[0, 0, 0] == SKY
+    assert confidence[0, 0, 0] == 255

@@ -1,0 +1,180 @@
+"""Training end to end on drawings: it learns, resumes, stops at NaN, and its files load safely."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from fscnn.data.module import RailData
+from fscnn.models import build
+from fscnn.training import checkpoint
+from fscnn.training.config import TrainConfig, load
+from fscnn.training.fit import fit
+from fscnn.training.guard import DivergedError, explain_divergence
+from fscnn.training.module import SegmentationModule
+from railinspect.errors import BadInputError
+from tests.fscnn.drawing import write_set
+
+TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16}"
+
+
+def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
+    if not (folder / "set").exists():
+        write_set(folder / "set", 8)
+    return load(
+        None,
+        [
+            TINY,
+            f"data.train_folders=[{folder / 'set'}]",
+            f"data.val_folders=[{folder / 'set'}]",
+            "data.crop_wh=[96, 64]",
+            "data.zoom=[1, 1]",
+            "data.strength=0",
+            "data.batch_size=4",
+            "data.workers=0",
+            "run.progress=false",
+            "run.accelerator=cpu",
+            f"run.out={folder / 'run'}",
+            *overrides,
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def overfitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, float]]:
+    folder = tmp_path_factory.mktemp("overfit")
+    config = tiny_run(
+        folder, "schedule.max_steps=300", "run.validate_every=150", "optimiser.rate=0.01",
+        "optimiser.average=0.9",
+    )
+    return folder, fit(config)
+
+
+def test_overfits_eight_images(overfitted: tuple[Path, dict[str, float]]) -> None:
+    _, metrics = overfitted
+    assert metrics["val/rail_iou"] >= 0.95
+
+
+def test_leaves_best_last_and_the_resolved_configuration(
+    overfitted: tuple[Path, dict[str, float]],
+) -> None:
+    folder, _ = overfitted
+    assert {"best.ckpt", "last.ckpt", "config.yaml"} <= {p.name for p in (folder / "run").iterdir()}
+    assert load(folder / "run" / "config.yaml").schedule.max_steps == 300
+    trained = checkpoint.load(folder / "run" / "last.ckpt")
+    assert trained.steps == 300
+    assert trained.name == "fscnn_s"
+    assert len(trained.fingerprint) == 64
+    assert not trained.network.training
+
+
+def test_resuming_continues_exactly(tmp_path: Path) -> None:
+    straight = tiny_run(tmp_path, "schedule.max_epochs=2")
+    fit(straight)
+    whole = checkpoint.load(tmp_path / "run" / "last.ckpt")
+
+    halves = replace(straight, run=replace(straight.run, out=str(tmp_path / "halves")))
+    stopped = torch.load(tmp_path / "run" / "last.ckpt", weights_only=True)
+    assert stopped["epoch"] >= 1
+    half = replace(halves, schedule=replace(halves.schedule, max_epochs=2))
+    _fit_one_epoch(half)
+    fit(half, resume=tmp_path / "halves" / "half.ckpt")
+    resumed = checkpoint.load(tmp_path / "halves" / "last.ckpt")
+    assert resumed.steps == whole.steps == 4
+    for name, weight in whole.network.state_dict().items():
+        torch.testing.assert_close(resumed.network.state_dict()[name], weight, rtol=0, atol=0)
+
+
+def _fit_one_epoch(config: TrainConfig) -> None:
+    """The first epoch of ``config``, as if the process had been killed after it."""
+    import lightning
+
+    lightning.seed_everything(config.seed, verbose=False)
+    data = RailData(config.data, config.seed)
+    optimiser = config.optimiser
+    module = SegmentationModule(
+        build(config.network, config.settings),
+        config.network,
+        config.loss,
+        config.schedule,
+        optimiser.rate,
+        optimiser.weight_decay,
+        optimiser.average,
+    )
+    trainer = lightning.Trainer(
+        accelerator="cpu",
+        max_epochs=1,
+        gradient_clip_val=optimiser.clip,
+        num_sanity_val_steps=0,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        use_distributed_sampler=False,
+    )
+    trainer.fit(module, data)
+    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt")
+
+
+def test_stops_at_the_time_limit(tmp_path: Path) -> None:
+    fit(tiny_run(tmp_path, "schedule.max_minutes=0.02", "schedule.max_epochs=100000"))
+    assert 0 < checkpoint.load(tmp_path / "run" / "last.ckpt").steps < 2000
+
+
+def test_some_limit_is_needed(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match=r"set schedule\.max_epochs"):
+        fit(tiny_run(tmp_path))
+
+
+def test_diverging_run_stops_and_says_why(tmp_path: Path) -> None:
+    config = tiny_run(tmp_path, "schedule.max_steps=60", "optimiser.rate=1e30", "optimiser.clip=1e30")
+    with pytest.raises(DivergedError, match=r"not finite at step \d+: (weight|layer) .*lower optimiser"):
+        fit(config)
+
+
+def test_divergence_names_the_layer() -> None:
+    network = build("fscnn_s")
+    with torch.no_grad():
+        network.messages_norm.weight.fill_(1e38)
+        network.context.point[0].weight.fill_(1e38)
+    error = explain_divergence(network, torch.rand(2, 3, 32, 32), step=12)
+    assert "at step 12: layer context.point.0 is the first to give NaN or infinity" in str(error)
+    with torch.no_grad():
+        network.stem[0].weight[0] = float("nan")
+    assert "weight stem.0.weight" in str(explain_divergence(network, torch.rand(2, 3, 32, 32), 1))
+    images = torch.full((2, 3, 32, 32), torch.inf)
+    assert "images themselves" in str(explain_divergence(network, images, 1))
+
+
+class Bomb:
+    def __reduce__(self) -> tuple[object, tuple[str]]:
+        return (exec, ("raise SystemExit('the pickle was run')",))
+
+
+def test_pickle_pretending_to_be_a_checkpoint(tmp_path: Path) -> None:
+    path = tmp_path / "evil.ckpt"
+    path.write_bytes(pickle.dumps({"fscnn": Bomb()}))
+    with pytest.raises(BadInputError, match="is not a checkpoint of this project"):
+        checkpoint.load(path)
+    torch.save({"fscnn": Bomb()}, path)
+    with pytest.raises(BadInputError, match="is not a checkpoint of this project"):
+        checkpoint.load(path)
+
+
+def test_checkpoints_of_others(tmp_path: Path, overfitted: tuple[Path, dict[str, float]]) -> None:
+    path = tmp_path / "other.ckpt"
+    torch.save({"state_dict": {}}, path)
+    with pytest.raises(BadInputError, match="was not written by train.py"):
+        checkpoint.load(path)
+    held = torch.load(overfitted[0] / "run" / "last.ckpt", weights_only=True)
+    held["fscnn"]["settings"]["message_channels"] = 16
+    torch.save(held, path)
+    with pytest.raises(BadInputError, match="do not fit the network it names"):
+        checkpoint.load(path)
+    path.write_bytes(b"")
+    with pytest.raises(BadInputError, match="is not a checkpoint of this project"):
+        checkpoint.load(path)
+    with pytest.raises(BadInputError, match="cannot read checkpoint"):
+        checkpoint.load(tmp_path / "none.ckpt")
