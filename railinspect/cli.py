@@ -187,7 +187,6 @@ def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, Progress, inspect_inputs
     from railinspect.camera import Camera
     from railinspect.progress import ProgressLine
-    from railinspect.warmup import warm_up
 
     settings = InspectSettings(
         camera=Camera.load(options.camera) if options.camera else None,
@@ -197,7 +196,6 @@ def _run_inspect(options: argparse.Namespace) -> int:
         overlay=not options.no_overlay,
     )
     segmenter = _segmenter(options)
-    warm_up()
     line = ProgressLine("inspecting")
 
     def show(progress: Progress) -> None:

@@ -16,7 +16,6 @@ from railinspect.runfolder import RUN_FILES, RunFolder, refuse_taken
 from railinspect.runinfo import write_json
 from railinspect.scenes import demo_settings
 from railinspect.sinks.json_lines import read_json_lines
-from railinspect.warmup import warm_up
 from railops.braking import Train
 
 TOLERANCE_M: Final = 10.0
@@ -153,7 +152,6 @@ def _inspect(
     quiet: bool,
     steps: Steps | None,
 ) -> RunSummary:
-    warm_up()
     line = ProgressLine("inspecting", quiet=quiet)
 
     def show(progress: Progress) -> None:

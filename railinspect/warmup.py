@@ -7,6 +7,8 @@ frame.
 
 from __future__ import annotations
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -20,8 +22,9 @@ from railops.braking import Train
 _SIZE_WH = (640, 360)
 
 
+@functools.cache
 def warm_up() -> None:
-    """Run the loop once on a drawn track with a person on it, without a network."""
+    """Run the loop once per process on a drawn track with a person on it, without a network."""
     camera = Camera.from_field_of_view(_SIZE_WH, np.radians(50.0), 2.6, pitch_rad=0.045)
     drawn = drawn_track(camera)
     inspector = Inspector(lambda rgb: drawn, camera, Train(speed_mps=20.0))
