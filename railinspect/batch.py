@@ -23,6 +23,7 @@ from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
 from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
+from railinspect.warmup import warm_up
 from railops.braking import Policy, Train
 
 MAX_BREAKS: Final = 1000
@@ -228,6 +229,7 @@ class _Run:
         self._events_file = JsonLines(self._folder.part("events.jsonl"))
         self._write_run_json(complete=False)
         try:
+            warm_up()
             names = unique_names(self._paths)
             for path, name in zip(self._paths, names, strict=True):
                 source = first if not self._summaries else self._open(path)
