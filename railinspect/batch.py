@@ -15,7 +15,7 @@ import cv2
 from railinspect.camera import Camera
 from railinspect.errors import OutputError
 from railinspect.events import Event, EventSettings
-from railinspect.pipeline import Inspector, SegmentFunction, Steps, frames_of
+from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
@@ -279,9 +279,9 @@ class _Run:
                 overlay = OverlayVideo(self._folder.part(summary.overlay), source.size_wh)
                 stack.callback(overlay.close)
             stack.callback(self._end_input, inspector, summary, source)
-            frames = stack.enter_context(closing(frames_of(source)))
-            for frame in frames:
-                record = inspector.feed(frame)
+            frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
+            for frame, segmentation in frames:
+                record = inspector.feed(frame, segmentation)
                 self._count(summary, record)
                 self._frames_file.write({"input": name, **record.as_json()})
                 self._write_events(inspector.take_ended(), summary)
