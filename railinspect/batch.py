@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import cv2
 
@@ -25,9 +25,6 @@ from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
 from railinspect.warmup import warm_up
 from railops.braking import Policy, Train
-
-MAX_BREAKS: Final = 1000
-"""Breaks listed for one input; more are only counted."""
 
 
 @dataclass(frozen=True)
@@ -310,8 +307,8 @@ class _Run:
     def _end_input(self, inspector: Inspector, summary: InputSummary, source: Source) -> None:
         self._write_events(inspector.finish(), summary)
         self._next_id = inspector.next_event_id
-        summary.break_count = len(source.breaks)
-        summary.breaks = source.breaks[:MAX_BREAKS]
+        summary.break_count = source.break_count
+        summary.breaks = source.breaks
 
     @staticmethod
     def _count(summary: InputSummary, record: FrameRecord) -> None:
