@@ -319,6 +319,8 @@ def _judge(
     classes = segmentation.labels[top : base + 1, first : last + 1][body]
     name = CLASSES[int(np.bincount(classes[classes < len(CLASSES)], minlength=1).argmax())]
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
+    if sure < limits.least_confidence:
+        return None
     size = min(1.0, area / (6.0 * limits.least_area_px * scale**2))
     known = 1.0 if track.followed and range_m <= (track.reach_m or 0.0) * 1.05 else 0.8
     middle = float(lateral.mean())
@@ -361,7 +363,7 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
         return [_distortion(track, [ripple], ["both rails"], limit, everything)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    together &= np.abs(smooth).min(axis=1) >= 0.35 * np.abs(smooth).max(axis=1)
+    together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
     lobes = _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
@@ -392,11 +394,10 @@ def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int
     half = length // 2
     rows = np.flatnonzero(high[half : len(high) - half - 4]) + half
     for row in rows:
-        part = residual[row - half : row + half + 1].mean(axis=1)
-        top, low = part.max(), part.min()
-        if min(top, -low) >= 0.5 * limit[row]:
+        part = residual[row - half : row + half + 1]
+        if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
             inside = rows[(rows >= row) & (rows <= row + 6 * length)]
-            peak = int(row - half + np.argmax(np.abs(part)))
+            peak = int(row - half + np.argmax(np.abs(part.mean(axis=1))))
             return int(row - half), int(inside.max() + half), peak
     return None
 

@@ -39,6 +39,7 @@ class Thresholds:
         least_height_m: Least height, metres.
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
+        least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
         least_foot_px: Least width of the foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
@@ -84,6 +85,7 @@ class Thresholds:
     least_height_m: float = 0.25
     person_height_m: float = 0.60
     least_area_px: float = 14.0
+    least_confidence: float = 0.40
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5
