@@ -59,7 +59,9 @@ def level_for(circuit: int, speed_mps: float, plan: Plan) -> int:
 
 
 @compiled
-def speed_reached(limit_mps: float, step: float, s0: float, v0: float, s1: float, v1: float) -> float:
+def speed_reached(
+    limit_mps: float, step: float, s0: float, v0: float, s1: float, v1: float
+) -> float:
     """Time into a step at which the speed rises through a limit, s."""
     low, high = 0.0, step
     for _ in range(60):

@@ -113,7 +113,7 @@ class Succession:
             demand = demand_times(run.nodes, self.plan)
             if np.isfinite(demand[-1]):
                 raise RailOpsError(
-                    "internal: the run exceeds the best code of a circuit, which its ceiling forbids"
+                    "internal: the run exceeds the best code of a circuit, its ceiling"
                 )
             given = np.full(self.front_m.size, -np.inf)
             given[self.before] = run.passage_s(self.front_m[self.before])

@@ -29,7 +29,7 @@ from railops.headway.section import Section
 
 Array = npt.NDArray[np.float64]
 
-TIME_TOLERANCE_S = 1e-9
+TIME_TOLERANCE_S = 5e-7
 
 
 class RunTimeError(DomainError):
@@ -86,7 +86,7 @@ class Run:
 class Found(NamedTuple):
     """What the inner search returns: nodes used, cut-off, and the time it takes."""
 
-    count: int
+    nodes: int
     cut_m: float
     time_s: float
 
@@ -116,7 +116,13 @@ def cut_at(
 
 @compiled
 def search(
-    wanted_s: float, flat: Nodes, flat_count: int, end_m: float, step: float, drive: Drive, out: Nodes
+    wanted_s: float,
+    flat: Nodes,
+    flat_count: int,
+    end_m: float,
+    step: float,
+    drive: Drive,
+    out: Nodes,
 ) -> Found:
     """Find the cut-off for a wanted run time; a later cut-off never arrives later.
 
@@ -125,9 +131,10 @@ def search(
     low, low_time = 0.0, np.inf  # cutting at once: the train stalls or is slowest
     high, high_time = end_m, flat.time_s[flat_count - 1]
     low_weight = high_weight = 1.0
-    for _ in range(200):
+    side = 0
+    for _ in range(100):
         cut = 0.5 * (low + high)
-        if low_time < np.inf:  # Illinois: false position that halves the stale end
+        if low_time < np.inf:  # Illinois: false position that halves an end retained twice
             up, down = low_weight * (low_time - wanted_s), high_weight * (wanted_s - high_time)
             if up + down > 0.0:
                 cut = low + (high - low) * up / (up + down)
@@ -137,9 +144,13 @@ def search(
         if abs(time - wanted_s) <= TIME_TOLERANCE_S:
             return Found(count, cut, time)
         if time > wanted_s:
-            low, low_time, low_weight, high_weight = cut, time, 1.0, 0.5 * high_weight
+            low, low_time, low_weight = cut, time, 1.0
+            high_weight = 0.5 * high_weight if side < 0 else high_weight
+            side = -1
         else:
-            high, high_time, high_weight, low_weight = cut, time, 1.0, 0.5 * low_weight
+            high, high_time, high_weight = cut, time, 1.0
+            low_weight = 0.5 * low_weight if side > 0 else low_weight
+            side = 1
         if high - low < 1e-9:
             break
     count, time = cut_at(high, flat, flat_count, end_m, step, drive, out)
@@ -200,7 +211,7 @@ class Regulator:
             self._drive,
             self._room,
         )
-        return Run(self._room.first(found.count), found.cut_m)
+        return Run(self._room.first(found.nodes), found.cut_m)
 
     def _impossible(self, wanted_s: float) -> RunTimeError:
         longest_s = self.longest().run_time_s

@@ -83,8 +83,10 @@ def follow(
                 level += 1
             else:
                 circuit += 1
-                if circuit + 2 < edges.size and s1 >= nodes.position_m[count - 1] and (
-                    edges[circuit] >= nodes.position_m[count - 1]
+                if (
+                    circuit + 2 < edges.size
+                    and s1 >= nodes.position_m[count - 1]
+                    and (edges[circuit] >= nodes.position_m[count - 1])
                 ):
                     break
     return rows, margin, bad_m, bad_s
@@ -116,7 +118,8 @@ class Simulation:
     def code_changes(self) -> Array:
         """The rows of the log at which circuit or level changed, shape (M, 6)."""
         changed = np.any(np.diff(self.log[:, 2:4], axis=0) != 0, axis=1)
-        return self.log[np.concatenate([[True], changed])]
+        rows: Array = self.log[np.concatenate([[True], changed])]
+        return rows
 
 
 def simulate(
