@@ -2,8 +2,8 @@
 
 The equation of motion is that of :mod:`railops.traction`; free motion is integrated by the
 classical Runge–Kutta method of order four, following the ceiling is solved in closed form. Steps
-end exactly where something changes: at the cut-off of traction, where the ceiling is met, at its
-knots and at standstill. Between nodes the position is the cubic through both ends' positions and
+end exactly where something changes: at the cut-off of traction, where the ceiling is met, at the
+knots of ceiling and profile, and at standstill. Between nodes the position is the cubic through both ends' positions and
 speeds, so an event is located to far below a microsecond.
 """
 
@@ -173,9 +173,12 @@ def run(
     table = drive.ceiling
     t, s, v = nodes.time_s[count - 1], nodes.position_m[count - 1], nodes.speed_mps[count - 1]
     work, size, pieces, piece = nodes.work_jpkg[count - 1], nodes.time_s.size, table.start_m.size, 0
+    knots, knot = drive.line.position_m, 0
     while s < end_m - 1e-9:
         if count == size:
             return count, FULL
+        while knot < knots.size and knots[knot] <= s + 1e-9:
+            knot += 1
         while piece + 1 < pieces and table.start_m[piece + 1] <= s + 1e-9:
             piece += 1
         pulling = s < cut_m - 1e-9
@@ -185,6 +188,8 @@ def run(
         goal = end_m  # the next place where something changes
         if piece + 1 < pieces:
             goal = min(goal, table.start_m[piece + 1])
+        if knot < knots.size:
+            goal = min(goal, knots[knot])
         if pulling:
             goal = min(goal, cut_m)
         step, new_s, new_v, force = step_s, s, v, 0.0

@@ -21,6 +21,8 @@ from railops.headway.protection import SPEED_TOLERANCE_MPS, Plan
 
 Array = npt.NDArray[np.float64]
 
+TIE_S = 1e-7  # a better level that comes this soon after an event comes with it
+
 
 @compiled
 def follow(
@@ -42,7 +44,7 @@ def follow(
     """
     edges, levels, count = plan.boundary_m, shown_s.size, nodes.time_s.size
     level = -1
-    while level + 1 < levels and shown_s[level + 1] <= interval_s + nodes.time_s[0]:
+    while level + 1 < levels and shown_s[level + 1] <= interval_s + nodes.time_s[0] + TIE_S:
         level += 1
     circuit = 0
     while circuit + 2 < edges.size and edges[circuit + 1] <= nodes.position_m[0]:
@@ -58,7 +60,7 @@ def follow(
             if circuit + 2 < edges.size and edges[circuit + 1] <= s1:
                 entry = reach(edges[circuit + 1], step, s0, v0, s1, v1)
             if level + 1 < levels:
-                better = max(shown_s[level + 1] - interval_s - t0, at)
+                better = max(shown_s[level + 1] - interval_s - t0 - TIE_S, at)
             until = min(step, entry, better)
             for end in range(2):
                 part = until if end else at
