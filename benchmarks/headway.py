@@ -72,7 +72,9 @@ def random_section(rng: np.random.Generator) -> Section:
         Stock(
             train,
             Effort(float(rng.uniform(0.8, 1.3)), float(rng.uniform(8.0, 18.0))),
-            Davis(*(np.array([Davis().c0, Davis().c1, Davis().c2]) * rng.uniform(0.7, 1.6)).tolist()),
+            Davis(
+                *(np.array([Davis().c0, Davis().c1, Davis().c2]) * rng.uniform(0.7, 1.6)).tolist()
+            ),
             brake_mps2=float(rng.uniform(0.6, 1.1)),
         ),
         Line(((0.0, 0.0), *zip(places, grades, strict=True)), ((0.0, 400.0), (500.0, np.inf))),

@@ -69,7 +69,9 @@ def grids(section: Any, table: np.ndarray | None) -> tuple[np.ndarray, np.ndarra
 
     def piecewise(pairs: Any, x: np.ndarray) -> np.ndarray:
         starts = np.array([start for start, _ in pairs])
-        return np.array([v for _, v in pairs])[np.clip(np.searchsorted(starts, x, "right") - 1, 0, None)]
+        return np.array([v for _, v in pairs])[
+            np.clip(np.searchsorted(starts, x, "right") - 1, 0, None)
+        ]
 
     coarse = at[::10]
     under = coarse[:, None] - points[None, :]
@@ -204,7 +206,16 @@ def interval_s(
         def __getitem__(self, hundredths: int) -> bool:
             return bool(
                 fits(
-                    hundredths * DT, s2, v2, front, protection.delay_s, stock.length_m, edges, codes, block, slack_mps
+                    hundredths * DT,
+                    s2,
+                    v2,
+                    front,
+                    protection.delay_s,
+                    stock.length_m,
+                    edges,
+                    codes,
+                    block,
+                    slack_mps,
                 )
             )
 

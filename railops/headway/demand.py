@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railops._compile import compiled
-from railops.headway.motion import Nodes, between, reach
+from railops.headway.motion import Nodes, between, reach, speed_reached
 from railops.headway.protection import SPEED_TOLERANCE_MPS, Plan
 
 Array = npt.NDArray[np.float64]
@@ -56,21 +56,6 @@ def level_for(circuit: int, speed_mps: float, plan: Plan) -> int:
     while level < levels and plan.code_mps[circuit, level] + SPEED_TOLERANCE_MPS < speed_mps:
         level += 1
     return level
-
-
-@compiled
-def speed_reached(
-    limit_mps: float, step: float, s0: float, v0: float, s1: float, v1: float
-) -> float:
-    """Time into a step at which the speed rises through a limit, s."""
-    low, high = 0.0, step
-    for _ in range(60):
-        part = 0.5 * (low + high)
-        if between(part, step, s0, v0, s1, v1)[1] > limit_mps:
-            high = part
-        else:
-            low = part
-    return high
 
 
 @compiled

@@ -3,7 +3,8 @@
 The equation of motion is that of :mod:`railops.traction`; free motion is integrated by the
 classical Runge–Kutta method of order four, following the ceiling is solved in closed form. Steps
 end exactly where something changes: at the cut-off of traction, where the ceiling is met, at the
-knots of ceiling and profile, and at standstill. Between nodes the position is the cubic through both ends' positions and
+knots of ceiling and profile, at the corner speed of traction, where the ceiling can no longer be
+followed, and at standstill. Between nodes the position is the cubic through both ends' positions and
 speeds, so an event is located to far below a microsecond.
 """
 
@@ -154,6 +155,35 @@ def meet(
 
 
 @compiled
+def speed_reached(
+    limit_mps: float, step: float, s0: float, v0: float, s1: float, v1: float
+) -> float:
+    """Time into a step at which the speed rises through a limit, s."""
+    low, high = 0.0, step
+    for _ in range(50):
+        part = 0.5 * (low + high)
+        if between(part, step, s0, v0, s1, v1)[1] > limit_mps:
+            high = part
+        else:
+            low = part
+    return high
+
+
+@compiled
+def leave(pulling: bool, s: float, v: float, slope_mps2: float, step: float, drive: Drive) -> float:
+    """Time into a step along the ceiling at which the train can no longer follow it, s."""
+    low, high = 0.0, step
+    for _ in range(40):
+        part = 0.5 * (low + high)
+        place, speed = s + part * (v + 0.5 * slope_mps2 * part), v + slope_mps2 * part
+        if natural(pulling, place, speed, drive) < slope_mps2:
+            high = part
+        else:
+            low = part
+    return high
+
+
+@compiled
 def run(
     count: int, cut_m: float, end_m: float, step_s: float, drive: Drive, nodes: Nodes
 ) -> tuple[int, int]:
@@ -173,6 +203,7 @@ def run(
     table = drive.ceiling
     t, s, v = nodes.time_s[count - 1], nodes.position_m[count - 1], nodes.speed_mps[count - 1]
     work, size, pieces, piece = nodes.work_jpkg[count - 1], nodes.time_s.size, table.start_m.size, 0
+    corner = drive.power_w_per_kg / drive.accel_mps2
     knots, knot = drive.line.position_m, 0
     while s < end_m - 1e-9:
         if count == size:
@@ -195,11 +226,16 @@ def run(
         step, new_s, new_v, force = step_s, s, v, 0.0
         if v * v >= square - 1e-9 * (1.0 + square) and own >= slope:
             # Follow the ceiling: constant acceleration, closed form.
-            end_square = max(square + 2.0 * slope * (goal - s), 0.0)
+            end_square = square + 2.0 * slope * (goal - s)
+            if end_square < 1e-9:  # the stop: what is left is rounding, and its root is not small
+                end_square = 0.0
             left = 2.0 * (goal - s) / (v + np.sqrt(end_square))
-            if left <= step:
+            if left <= 1.01 * step:  # rather a longer step than a sliver before the goal
                 step, new_s, new_v = left, goal, np.sqrt(end_square)
             else:
+                new_s, new_v = s + step * (v + 0.5 * slope * step), v + slope * step
+            if new_v > 0.0 and natural(pulling, new_s, new_v, drive) < slope:
+                step = leave(pulling, s, v, slope, step, drive)
                 new_s, new_v = s + step * (v + 0.5 * slope * step), v + slope * step
             if pulling:
                 pull = tractive_effort(v, drive.accel_mps2, drive.power_w_per_kg)
@@ -211,6 +247,9 @@ def run(
                 step = reach(goal, step, s, v, new_s, new_v)
                 new_s, new_v = free_step(pulling, s, v, step, drive)
                 new_s = goal
+            if pulling and v < corner < new_v:
+                step = speed_reached(corner, step, s, v, new_s, new_v)
+                new_s, new_v = free_step(pulling, s, v, step, drive)
             if new_v * new_v > square_at(new_s, piece, table):
                 part = meet(step, s, v, new_s, new_v, piece, table)
                 new_s, new_v = free_step(pulling, s, v, part, drive)
