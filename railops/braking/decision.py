@@ -14,12 +14,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Literal
 
 from railops.braking.channels import joint_exceedance
 from railops.braking.stopping import STEP_S, cannot_stop, motion_of, stop
 from railops.braking.train import Train
 from railops.errors import CannotStopError, DomainError, MeasurementError, check_range
+from railops.files import build, read_mapping
 
 Action = Literal["none", "warn", "service", "emergency"]
 SEVERITY: dict[str, int] = {"none": 0, "warn": 1, "service": 2, "emergency": 3}
@@ -46,12 +48,14 @@ class RangeMeasurement:
     valid: bool = True
 
     def __post_init__(self) -> None:
-        check_range("time_s", self.time_s, unit="s")
+        object.__setattr__(self, "time_s", check_range("time_s", self.time_s, unit="s"))
         if not self.valid:
             return
-        check_range("range_m", self.range_m, 0.0, 1e5, "m")
-        check_range("std_m", self.std_m, 0.0, 1e5, "m")
+        # Stored as plain floats: what comes in may be NumPy's, what goes out may become JSON.
+        object.__setattr__(self, "range_m", check_range("range_m", self.range_m, 0.0, 1e5, "m"))
+        object.__setattr__(self, "std_m", check_range("std_m", self.std_m, 0.0, 1e5, "m"))
         low, high = self.interval_m
+        object.__setattr__(self, "interval_m", (float(low), float(high)))
         if not low <= self.range_m <= high:
             raise DomainError("interval_m", self.interval_m, f"to contain range_m = {self.range_m}")
 
@@ -114,6 +118,15 @@ class Policy:
             if getattr(self, name) not in SEVERITY:
                 raise DomainError(name, getattr(self, name), f"one of {list(SEVERITY)}")
 
+    @staticmethod
+    def load(path: str | Path) -> Policy:
+        """Read a policy from YAML: the attributes above as keys, those left out by default.
+
+        Raises:
+            FileError: if the file cannot be read, or has unknown keys or mistyped values.
+        """
+        return build(Policy, read_mapping(path, "policy file"), f"policy file {path}")
+
     def range_lower_m(self, measurement: RangeMeasurement) -> float:
         """L_measured − ΔL_max: the range the obstacle is at least at, metres, >= 0."""
         certified = (1.0 - self.range_error_rel) * measurement.range_m - self.range_error_m
@@ -162,10 +175,12 @@ class Advice:
 
     def as_dict(self) -> dict[str, Any]:
         """The advice for JSON; infinite values become null."""
-        return {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in asdict(self).items()
-        }
+        document = asdict(self)
+        if document["governed_by"] is not None:
+            document["governed_by"]["interval_m"] = [
+                _finite(end) for end in document["governed_by"]["interval_m"]
+            ]
+        return {key: _finite(value) for key, value in document.items()}
 
     @property
     def would_change(self) -> str:
@@ -268,6 +283,11 @@ def decide(
 
 
 _DEFAULT = Policy()
+
+
+def _finite(value: Any) -> Any:
+    """None in place of an infinite or undefined number."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _check_times(

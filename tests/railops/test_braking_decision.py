@@ -78,6 +78,11 @@ def test_unknown_perception_takes_the_cautious_branch():
     assert "unknown" in near.reason
 
 
+def test_doubt_raises_a_warning_to_the_cautious_branch():
+    assert decide([seen(480.0)], PLAIN, BARE).action == "warn"
+    assert decide([seen(480.0)], PLAIN, BARE, perception_unknown=True).action == "service"
+
+
 def test_invalid_and_stale_measurements_are_doubt():
     nothing = RangeMeasurement(0.0, math.nan, math.nan, (math.nan, math.nan), valid=False)
     assert decide([nothing], PLAIN, BARE).action == "service"
@@ -122,6 +127,13 @@ def test_json_has_no_infinities():
     assert document["margin_s"] is None
 
 
+def test_json_from_numpy_numbers_and_an_open_interval():
+    number = np.float32(80.0)
+    measured = RangeMeasurement(np.float32(1.0), number, number, (number, np.inf))
+    document = json.loads(json.dumps(decide([measured], PLAIN, BARE).as_dict(), allow_nan=False))
+    assert document["governed_by"]["interval_m"] == [80.0, None]
+
+
 def test_runaway_raises_and_still_advises():
     train = replace(PLAIN, line=Line.uniform(-0.15))
     with pytest.raises(CannotStopError, match=r"cannot stop: the gradient pulls .* runs away") as e:
@@ -161,7 +173,8 @@ def test_error_tree():
 def situation(rng):
     """A random train, policy and measurements over the whole useful range."""
     gradient = rng.uniform(-0.03, 0.03, 3)
-    line = Line(((0.0, gradient[0]), (300.0, gradient[1]), (700.0, gradient[2])))
+    curves = ((0.0, math.inf), (rng.uniform(1, 900), rng.uniform(200, 2000)))
+    line = Line(((0.0, gradient[0]), (300.0, gradient[1]), (700.0, gradient[2])), curves)
     service = rng.uniform(0.45, 1.0)
     train = Train(
         rng.uniform(0.0, 60.0) if rng.random() > 0.02 else 0.0,
@@ -191,7 +204,7 @@ def situation(rng):
         range_error_rel=rng.uniform(0, 0.3),
         range_sigmas=rng.uniform(0, 4),
         measurements=int(rng.integers(1, 5)),
-        mild_on_curves=bool(rng.random() < 0.1),
+        mild_on_curves=bool(rng.random() < 0.3),
     )
     return ranges, train, policy
 
