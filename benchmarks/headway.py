@@ -1,9 +1,9 @@
-"""Headway: published tables, linearity, safety over random lines, an independent simulation, speed."""
+"""Headway: published tables, linearity, safety over random lines, independent simulation, speed."""
 
 from __future__ import annotations
 
-import statistics
 import time
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def random_section(rng: np.random.Generator) -> Section:
         edges = [start]
         while edges[-1] < length + 700.0:
             edges.append(edges[-1] + float(rng.uniform(low, high)))
-        return tuple(zip(edges[:-1], edges[1:], strict=True))
+        return tuple(pairwise(edges))
 
     start = -float(rng.uniform(0.0, 200.0))
     kind = rng.integers(4)
@@ -157,9 +157,7 @@ def exceptions(count: int, seed: int) -> float:
 def speed_cases() -> tuple[Section, list[float]]:
     """The section and the 21 run times that are timed."""
     edges = [-150.0, 30.0] + [30.0 + 120.0 * index for index in range(1, 21)]
-    section = Section(
-        1700.0, TrackCircuits(tuple(zip(edges[:-1], edges[1:], strict=True)), steps_kmh=STEPS_KMH)
-    )
+    section = Section(1700.0, TrackCircuits(tuple(pairwise(edges)), steps_kmh=STEPS_KMH))
     return section, np.linspace(112.0, 132.0, 21).tolist()
 
 

@@ -18,7 +18,7 @@ DT, DS = 0.01, 0.1
 
 
 def code_table(protection: Any) -> np.ndarray:
-    """Code in m/s for train circuit i and tail circuit k, by definition (k = n: beyond the last)."""
+    """Code in m/s for train circuit i and tail circuit k; k = n is beyond the last."""
     circuits = protection.circuits
     n = len(circuits)
     table = np.zeros((n, n + 1))
@@ -139,7 +139,7 @@ def fits(
     for i in range(s2.size - 1):
         if stop - s2[i] < 1e-3:
             break
-        j = int(round((i * DT + interval - delay) / DT))
+        j = round((i * DT + interval - delay) / DT)
         tail = front[min(max(j, 0), front.size - 1)] - train if j >= 0 else -train
         if table.size > 0:
             circuit = np.searchsorted(edges, s2[i], side="right") - 1

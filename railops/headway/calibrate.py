@@ -179,7 +179,8 @@ class _Problem:
     def section(self, values: Array, name: str = "calibrated") -> Section:
         free: dict[str, Any] = dict(zip(self.names, map(float, values), strict=True))
         section = replace(self.known, **free).section(self.codes, name)
-        return replace(section, dwell=Dwell(self.table.dwell_s))
+        times = tuple(self.table.second_s.tolist())
+        return replace(section, dwell=Dwell(self.table.dwell_s), run_times_s=times)
 
     def model(self, values: Array, step_s: float = SEARCH_STEP_S) -> Array:
         section = self.section(values)

@@ -3,8 +3,8 @@
 The equation of motion is that of :mod:`railops.traction`; free motion is integrated by the
 classical Runge–Kutta method of order four, following the ceiling is solved in closed form. Steps
 end exactly where something changes: at the cut-off of traction, where the ceiling is met, at the
-knots of ceiling and profile, at the corner speed of traction, where the ceiling can no longer be
-followed, and at standstill. Between nodes the position is the cubic through both ends' positions and
+knots of ceiling and profile, at the corner speed, where the ceiling can no longer be followed, and
+at standstill. Between nodes the position is the cubic through both ends' positions and
 speeds, so an event is located to far below a microsecond.
 """
 

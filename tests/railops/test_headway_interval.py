@@ -1,5 +1,7 @@
 """The interval: golden case by hand, safety, dwell, monotonicity, an independent simulation."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -32,7 +34,7 @@ def by_hand(codes=((0, 0.0), (1, 72.0))):
     edges = [-100.0 + 200.0 * index for index in range(9)]
     return Section(
         1000.0,
-        TrackCircuits(tuple(zip(edges[:-1], edges[1:], strict=True)), codes=codes, delay_s=2.0),
+        TrackCircuits(tuple(pairwise(edges)), codes=codes, delay_s=2.0),
         Stock(100.0, Effort(1.0, 200.0), Davis(0.0, 0.0, 0.0), brake_mps2=1.0),
         limits_kmh=((0.0, 72.0),),
     )
@@ -147,7 +149,7 @@ def test_less_information_never_shortens_the_interval(seed):
     section = pair.section
     fine = MovingBlock(margin_m=30.0, report_m=1.0, decel_mps2=0.8, reaction_s=2.0, delay_s=1.5)
     edges = [-100.0, *np.arange(150.0, section.length_m + 400.0, 300.0).tolist()]
-    blocks = FixedBlock(tuple(zip(edges[:-1], edges[1:], strict=True)), overlap_m=30.0)
+    blocks = FixedBlock(tuple(pairwise(edges)), overlap_m=30.0)
     values = []
     for protection in (fine, blocks):
         other = Succession(section.with_protection(protection))
@@ -183,7 +185,7 @@ def test_no_bracket_is_said():
 def test_design_codes_stop_the_train_before_the_tail():
     # 14 m/s ≈ 50 km/h: 50 steps; every code must leave braking room behind the tail's circuit.
     edges = [-100.0 + 90.0 * index for index in range(30)]
-    circuits = tuple(zip(edges[:-1], edges[1:], strict=True))
+    circuits = tuple(pairwise(edges))
     protection = TrackCircuits(circuits, steps_kmh=STEPS_KMH, overlap_m=25.0)
     code = protection.plan(1500.0).code_mps
     for i in range(29):
