@@ -71,8 +71,11 @@ class Characteristic:
         return dwell
 
     def required_s(self, second_s: float, first_s: float, dwell_s: float | None = None) -> float:
-        """The shortest interval of one pair, s; NaN where the table has none.
+        """The shortest interval of one pair, s; NaN where the table says nothing about it.
 
+        Where a table has no entry (the published ones have none for a second train slower than the
+        one in front), that of the next faster second train stands in: a slower one never needs
+        longer.
         A run time of the train in front between two columns takes the longer of their intervals.
         There is no interpolation between run times of the second train: at a code boundary the
         characteristic jumps.
@@ -94,7 +97,12 @@ class Characteristic:
         )
         exact = abs(self.first_s[after] - first_s) <= 1e-6
         columns = [after] if exact else [after - 1, after]
-        return float(np.max(self.interval_s(dwell_s)[row, columns]))
+        known = self.interval_s(dwell_s)[: row + 1, columns]
+        values = []
+        for column in known.T:
+            there = column[~np.isnan(column)]
+            values.append(float(there[-1]) if there.size else math.nan)
+        return max(values) if not any(map(math.isnan, values)) else math.nan
 
     def rows(self, dwell_s: float | None = None) -> list[dict[str, float | str]]:
         """One mapping per pair with an interval, as CSV and JSON carry them."""

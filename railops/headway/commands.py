@@ -73,7 +73,7 @@ def add_commands(commands: Commands) -> None:
 
     add = commands.add("animate", "both trains with their codes, as HTML", _animate).add_argument
     add("section", help=_SECTION)
-    add("--run", type=float, required=True, help="run time of the second train, s")
+    add("--second-run", type=float, required=True, help="run time of the second train, s")
     add("--front-run", type=float, required=True, help="run time of the train in front, s")
     add("--dwell", type=float, help="dwell of the train in front, s; default: the section's mean")
     add("--interval", type=float, help="departure interval, s; default: the shortest")
@@ -293,9 +293,9 @@ def _animate(arguments: argparse.Namespace) -> Result:
     section = find_section(arguments.section)
     dwell = section.dwell.mean_s if arguments.dwell is None else arguments.dwell
     pair = Succession(section)
-    shortest = pair.interval(arguments.run, arguments.front_run).at(dwell)
+    shortest = pair.interval(arguments.second_run, arguments.front_run).at(dwell)
     interval = shortest if arguments.interval is None else arguments.interval
-    page = animation(pair, arguments.run, arguments.front_run, dwell, interval)
+    page = animation(pair, arguments.second_run, arguments.front_run, dwell, interval)
     arguments.out.write_text(page, encoding="utf-8")
     document = {"file": str(arguments.out), "interval_s": interval, "shortest_s": shortest}
     words = "meets a restrictive code" if interval < shortest - 1e-6 else "meets none"

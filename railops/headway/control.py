@@ -36,7 +36,7 @@ class Order:
     """What the upper loop orders for one train on one section.
 
     Attributes:
-        run_s: The run time to order, s: the first feasible, or the longest allowed.
+        run_s: The run time to order, s: the first feasible, or after a hold the first to arrive.
         interval_s: The actual departure interval, s.
         required_s: What the ordered run time requires, s.
         feasible: Whether it fits; False means that no allowed run time does.
@@ -76,7 +76,7 @@ def choose_run_time(
         front_delay_s: Its predicted delay there, s, >= 0; the interval grows second for second.
 
     Returns:
-        The order; where nothing fits, the longest allowed run time with the hold it needs.
+        The order; where nothing fits, the run time that arrives first after the hold it needs.
 
     Raises:
         DomainError: if a run time lies outside the table, or a time is negative.
@@ -109,8 +109,15 @@ def choose_run_time(
         if trials[-1].feasible:
             break
     last = trials[-1]
-    if not last.feasible:  # hold for the longest run time whose interval is known
-        last = next((trial for trial in trials[::-1] if math.isfinite(trial.required_s)), last)
+    if not last.feasible:  # held until it fits: the run time that then arrives first
+        known = [trial for trial in trials if math.isfinite(trial.required_s)]
+        last = min(known, key=lambda trial: trial.required_s + trial.run_s, default=last)
+        if not known:
+            raise DomainError(
+                "run time of the train in front",
+                f"{front_run_s:g} s",
+                f"one behind which {table.name} has an interval for {last.run_s:g} s or less",
+            )
     hold = 0.0 if last.feasible else last.required_s - interval_s
     left = max(0.0, late_s + hold + last.run_s - planned_run_s)
     return Order(last.run_s, interval_s, last.required_s, last.feasible, hold, left, tuple(trials))
@@ -162,7 +169,7 @@ def regulate_line(tables: Sequence[Characteristic], trains: Sequence[Plan]) -> l
     """Run the upper loop over a whole line: every train, every section, with predicted delays.
 
     Trains keep their sequence. A train for which no run time is feasible is held at its station
-    until the longest one is. It leaves no earlier than planned.
+    until the one is that arrives first. It leaves no earlier than planned.
 
     Args:
         tables: The characteristic of each section, in order.

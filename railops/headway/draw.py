@@ -82,22 +82,17 @@ def surface(table: Characteristic, dwell_s: float | None = None) -> str:
             mean = sum(value for _, _, value in known) / len(known)
             points = [place(*corner) for corner in known]
             picture.area(points, colour((mean - low) / span), "#ffffff")
-    for time in (a[0], a[-1]):
-        x, y = place(time, b[0] if time == a[-1] else b[-1], low)
-        side = -1 if time == a[-1] else 1
-        picture.text(x + 12 * side, y + 22, f"T(n) {time:g} s", anchor="middle", size=11)
-    x, y = place(a[-1], b[-1], low)
-    picture.text(x, y + 24, f"T(n) {a[-1]:g} s, T(n−1) {b[-1]:g} s", anchor="middle")
-    x, y = place(a[0], b[0], low)
-    picture.text(x, y - 196, f"{high:.0f} s", anchor="middle", fill="#7f8c8d")
-    x, y = place(a[-1], b[0], low)
-    picture.text(x - 8, y, f"{low:.0f} s", anchor="end")
-    x, y = place(a[-1], b[0], high)
-    picture.text(x - 8, y, f"{high:.0f} s", anchor="end")
-    x, y = place(0.5 * (a[0] + a[-1]), b[0], low)
-    picture.text(x - 30, y + 34, "T(n): second train →", anchor="middle", turn=20)
-    x, y = place(a[-1], 0.5 * (b[0] + b[-1]), low)
-    picture.text(x + 20, y + 34, "T(n−1): train in front →", anchor="middle", turn=-20)
+    for run, front in ((a[-1], b[0]), (a[-1], b[-1]), (a[0], b[-1])):
+        x, y = place(run, front, low)
+        words = f"T(n) {run:g} s, T(n−1) {front:g} s"
+        anchor = (
+            "middle" if run == a[-1] and front == b[-1] else "start" if front == b[0] else "end"
+        )
+        picture.text(x + {"start": -50, "middle": 0, "end": 50}[anchor], y + 24, words, 11, anchor)
+    for value in (low, high):
+        x, y = place(a[-1], b[0], value)
+        picture.text(x - 8, y, f"{value:.0f} s", anchor="end")
+    picture.text(380, 530, "T(n): second train, T(n−1): train in front", 12, "middle")
     return picture.svg()
 
 

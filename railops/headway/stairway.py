@@ -67,7 +67,7 @@ def stairway(
             float(edges[level]),
             float(demand[level]),
             float(own[level]),
-            float(round(interval + demand[level] - front[level], 9)),
+            float(round(interval + demand[level] - front[level], 9)) + 0.0,  # no −0.0
         )
         for level in range(1, edges.size)
         if np.isfinite(demand[level])
