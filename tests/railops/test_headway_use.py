@@ -59,12 +59,16 @@ def test_printed_tables_are_the_run_time_in_front_plus_one_function(published):
     assert np.all(np.diff(np.nanmean(rest, axis=1)) < 0.0)  # slower behind: shorter
 
 
+@settings(max_examples=60, deadline=None)
 @given(st.floats(0.0, 200.0), st.floats(0.0, 60.0), st.floats(60.0, 200.0))
 def test_more_room_or_less_delay_never_hurts(late, front_delay, interval):
     order = choose_run_time(ZHENGZHOU, 110, 120, interval, late, front_delay_s=front_delay)
     roomier = choose_run_time(ZHENGZHOU, 110, 120, interval + 7.0, late, front_delay_s=front_delay)
-    arrives, sooner = order.hold_s + order.run_s, roomier.hold_s + roomier.run_s
-    assert sooner <= arrives + 1e-9
+    # The paper's rule lengthens before it holds, so only a feasible order can be compared: near a
+    # jump, a short hold and a fast run may arrive before a long run that needs no hold.
+    if order.feasible:
+        assert roomier.feasible
+        assert roomier.run_s <= order.run_s
     assert order.feasible == (order.hold_s == 0.0)
     assert interval + order.hold_s >= order.required_s - 1e-9
 
@@ -117,12 +121,12 @@ def test_calibration_finds_what_made_a_table():
     times = Succession(section).regulator.shortest_s + np.array([3.0, 8.0, 14.0, 21.0])
     table = characteristic(section, times.round(1).tolist())
     bounds = {"length_m": (1400.0, 1500.0), "delay_s": (0.5, 5.0)}
-    found = calibrate(table, bounds, truth, generations=8, seed=3)
+    found = calibrate(table, bounds, truth, generations=5, seed=3)
     assert found.rms_s < 0.2
     by_name = {item.name: item for item in found.estimates}
     assert by_name["length_m"].value == pytest.approx(1450.0, abs=8.0)
     assert by_name["length_m"].verdict == "identified"
-    again = calibrate(table, bounds, truth, generations=8, seed=3)
+    again = calibrate(table, bounds, truth, generations=5, seed=3)
     assert again.rms_s == found.rms_s
     with pytest.raises(DomainError, match="unknown is colour; expected one of length_m"):
         calibrate(table, {"colour": (0.0, 1.0)})
