@@ -8,14 +8,14 @@ from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import cv2
 
 from railinspect.camera import Camera
 from railinspect.errors import OutputError
 from railinspect.events import Event, EventSettings
-from railinspect.pipeline import Inspector, SegmentFunction, Steps, frames_of
+from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
@@ -23,10 +23,8 @@ from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
 from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
+from railinspect.warmup import warm_up
 from railops.braking import Policy, Train
-
-MAX_BREAKS: Final = 1000
-"""Breaks listed for one input; more are only counted."""
 
 
 @dataclass(frozen=True)
@@ -228,6 +226,7 @@ class _Run:
         self._events_file = JsonLines(self._folder.part("events.jsonl"))
         self._write_run_json(complete=False)
         try:
+            warm_up()
             names = unique_names(self._paths)
             for path, name in zip(self._paths, names, strict=True):
                 source = first if not self._summaries else self._open(path)
@@ -277,9 +276,9 @@ class _Run:
                 overlay = OverlayVideo(self._folder.part(summary.overlay), source.size_wh)
                 stack.callback(overlay.close)
             stack.callback(self._end_input, inspector, summary, source)
-            frames = stack.enter_context(closing(frames_of(source)))
-            for frame in frames:
-                record = inspector.feed(frame)
+            frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
+            for frame, segmentation in frames:
+                record = inspector.feed(frame, segmentation)
                 self._count(summary, record)
                 self._frames_file.write({"input": name, **record.as_json()})
                 self._write_events(inspector.take_ended(), summary)
@@ -308,8 +307,8 @@ class _Run:
     def _end_input(self, inspector: Inspector, summary: InputSummary, source: Source) -> None:
         self._write_events(inspector.finish(), summary)
         self._next_id = inspector.next_event_id
-        summary.break_count = len(source.breaks)
-        summary.breaks = source.breaks[:MAX_BREAKS]
+        summary.break_count = source.break_count
+        summary.breaks = source.breaks
 
     @staticmethod
     def _count(summary: InputSummary, record: FrameRecord) -> None:

@@ -45,7 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (RailInspectError, RailOpsError) as error:
         return _refuse(str(error))
     except OSError as error:
-        return _refuse(f"{error.strerror or error}: {error.filename or 'no file named'}")
+        where = f"{error.filename}: " if error.filename else ""
+        return _refuse(f"{where}{error.strerror or error}")
     except KeyboardInterrupt:
         print("railinspect: interrupted; what was finished is kept", file=sys.stderr)
         return INTERRUPTED

@@ -113,17 +113,19 @@ class Inspector:
         """The same as :meth:`feed`."""
         return self.feed(frame)
 
-    def feed(self, frame: Frame) -> FrameRecord:
+    def feed(self, frame: Frame, segmentation: SegmentationLike | None = None) -> FrameRecord:
         """Inspect the next frame.
 
         Args:
             frame: A frame later than the one before. A change of picture size restarts the
                 following of the track.
+            segmentation: What the segmenter says of it, if it was asked already.
 
         Returns:
             The record; events that ended are collected for :meth:`take_ended`.
         """
-        segmentation = self._segmenter(frame.rgb)
+        if segmentation is None:
+            segmentation = self._segmenter(frame.rgb)
         track = self._follower_for(frame).update(segmentation, frame)
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
@@ -273,17 +275,25 @@ def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]
     )
 
 
-def frames_of(source: Source) -> Generator[Frame, None, None]:
-    """The frames of a source, decoded ahead in a background thread; closes the source at the end.
+Segmented = tuple[Frame, SegmentationLike]
+
+
+def segmented_frames(
+    source: Source, segmenter: SegmentFunction
+) -> Generator[Segmented, None, None]:
+    """A source's frames with their segmentations, in order; closes the source at the end.
+
+    Decoding and segmenting run ahead in a thread each: both release the interpreter, so the
+    next frame's network runs while this frame's track is followed. At most five frames wait.
 
     Close the iterator when leaving early, as ``contextlib.closing`` does.
     """
-    ahead = prefetch(source, depth=2)
-    try:
-        yield from ahead
-    finally:
-        ahead.close()
-        source.close()
+    with closing(source), closing(prefetch(source, depth=2)) as frames:
+        ahead = prefetch(((frame, segmenter(frame.rgb)) for frame in frames), depth=1)
+        try:
+            yield from ahead
+        finally:
+            ahead.close()
 
 
 def inspect_video(
@@ -315,10 +325,12 @@ def inspect_video(
     settings = EventSettings.still() if source.kind == "image" else EventSettings()
     segment = segmenter if segmenter is not None else Segmenter.default()
     inspector = Inspector(segment, camera, train, policy, event_settings=settings)
-    return _records(source, inspector)
+    return _records(segmented_frames(source, segment), inspector)
 
 
-def _records(source: Source, inspector: Inspector) -> Iterator[FrameRecord]:
-    with closing(frames_of(source)) as frames:
-        for frame in frames:
-            yield inspector.feed(frame)
+def _records(
+    frames: Generator[Segmented, None, None], inspector: Inspector
+) -> Iterator[FrameRecord]:
+    with closing(frames):
+        for frame, segmentation in frames:
+            yield inspector.feed(frame, segmentation)

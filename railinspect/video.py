@@ -6,6 +6,7 @@ its stated rate. Nothing here holds more than a few frames, however long the rec
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Generator, Iterator
@@ -23,6 +24,9 @@ from railinspect.images import IMAGE_SUFFIXES, check_size, read_image
 
 DEFAULT_FOLDER_RATE_HZ: Final = 10.0
 """Frames per second of an image folder whose rate is neither given nor in its file names."""
+
+MAX_BREAKS: Final = 1000
+"""Breaks of one input that are listed; more are only counted."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,8 @@ class Source:
         size_wh: Size of the first picture, pixels.
         frames_expected: Announced number of frames, or None; only good for a progress bar.
         duration_s: Announced duration, seconds, or None.
-        breaks: Where reading failed; complete once the iteration has ended.
+        breaks: Where reading failed, the first 1000; complete once the iteration has ended.
+        break_count: How often reading failed.
     """
 
     kind: Literal["video", "folder", "image"]
@@ -77,6 +82,13 @@ class Source:
         self.frames_expected: int | None = None
         self.duration_s: float | None = None
         self.breaks: list[Break] = []
+        self.break_count = 0
+
+    def note_break(self, time_s: float, frame_index: int, reason: str) -> None:
+        """Record that reading failed after a frame."""
+        self.break_count += 1
+        if len(self.breaks) < MAX_BREAKS:
+            self.breaks.append(Break(time_s, frame_index, reason))
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames."""
@@ -160,7 +172,7 @@ class _FolderSource(Source):
                 rgb = self._first if index == 0 else read_image(file)
             except BadInputError as error:
                 last_s = self._times_s[max(index - 1, 0)]
-                self.breaks.append(Break(last_s, index - 1, f"skipped one file: {error}"))
+                self.note_break(last_s, index - 1, f"skipped one file: {error}")
                 continue
             yield Frame(index, time_s, rgb)
             index += 1
@@ -221,32 +233,36 @@ class _VideoSource(Source):
 
     def _decode(self) -> Generator[Frame, None, None]:
         """Decode packet by packet, so one damaged packet does not end the recording."""
-        index, last_s, start_s = 0, -math.inf, 0.0
-        damaged_packets = 0
+        index, last_s, start_s, damaged = 0, 0.0, 0.0, 0
         for decoded in self._pictures():
-            if decoded is None:
-                damaged_packets += 1
+            rgb = None if decoded is None else self._rgb(decoded)
+            if decoded is None or rgb is None:
+                damaged += 1
                 continue
-            if damaged_packets and index:
-                reason = f"{damaged_packets} damaged packet(s) could not be decoded"
-                self.breaks.append(Break(last_s, index - 1, reason))
-                damaged_packets = 0
+            if damaged:
+                self._note_damage(damaged, last_s, index - 1)
+                damaged = 0
             time_s = decoded.time
             if time_s is None:
                 time_s = last_s + self._step_s if index else 0.0
-            elif time_s <= last_s:  # a broken clock must not run backwards
+            elif index and time_s <= last_s:  # a broken clock must not run backwards
                 time_s = last_s + self._step_s / 100
             start_s = time_s if index == 0 else start_s
-            yield Frame(index, float(time_s), self._rgb(decoded), bool(decoded.is_corrupt))
+            yield Frame(index, float(time_s), rgb, bool(decoded.is_corrupt))
             index, last_s = index + 1, float(time_s)
-        if index and self.duration_s is not None:
-            missing_s = self.duration_s - (last_s - start_s + self._step_s)
-            if missing_s > max(2.5 * self._step_s, 0.02 * self.duration_s):
-                reason = (
-                    f"the recording announces {self.duration_s:.2f} s but its pictures end "
-                    f"{missing_s:.2f} s earlier"
-                )
-                self.breaks.append(Break(last_s, index - 1, reason))
+        missing_s = (self.duration_s or 0.0) - (last_s - start_s + self._step_s)
+        if index and missing_s > max(2.5 * self._step_s, 0.02 * (self.duration_s or 0.0)):
+            reason = (
+                f"the recording announces {self.duration_s:.2f} s but its pictures end "
+                f"{missing_s:.2f} s earlier"
+            )
+            self.note_break(last_s, index - 1, reason)
+        elif damaged:
+            self._note_damage(damaged, last_s, index - 1)
+
+    def _note_damage(self, count: int, time_s: float, frame_index: int) -> None:
+        noun = "packet" if count == 1 else "packets"
+        self.note_break(time_s, frame_index, f"{count} damaged {noun} could not be decoded")
 
     def _pictures(self) -> Iterator[av.VideoFrame | None]:
         """Decoded frames; None for each packet that cannot be decoded."""
@@ -258,24 +274,26 @@ class _VideoSource(Source):
                 return
             except av.FFmpegError:
                 # The demuxer cannot go on: hand out what the decoder still holds.
-                try:
+                with contextlib.suppress(av.FFmpegError):
                     yield from self._stream.codec_context.decode(None)
-                except av.FFmpegError:
-                    yield None
+                yield None
                 return
             try:
                 yield from packet.decode()
             except av.FFmpegError:
                 yield None
 
-    def _rgb(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8]:
-        """Square-pixel RGB in display orientation, shape (H, W, 3)."""
+    def _rgb(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8] | None:
+        """Square-pixel RGB in display orientation, shape (H, W, 3); None if it cannot be had."""
         width, height = picture.width, picture.height
         aspect = self._stream.sample_aspect_ratio
         if aspect and 0.25 < aspect < 4 and aspect != 1:
             width = max(1, round(width * aspect))
-        check_size((width, height), str(self.path))
-        converted = picture.reformat(width=width, height=height, format="rgb24")
+        try:
+            check_size((width, height), str(self.path))
+            converted = picture.reformat(width=width, height=height, format="rgb24")
+        except (BadInputError, av.FFmpegError):
+            return None  # a damaged stream may announce any size on the way
         rgb = cast(npt.NDArray[np.uint8], converted.to_ndarray())
         quarter_turns = round(picture.rotation / 90) % 4  # counterclockwise
         if quarter_turns:

@@ -42,7 +42,7 @@ class OverlayVideo:
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS_PER_S)
         stream.codec_context.thread_count = 1
         # No B frames: in a fragmented file they would shift every time by their delay.
-        stream.options = {"preset": "veryfast", "crf": "23", "g": "100", "bf": "0"}
+        stream.options = {"preset": "superfast", "crf": "24", "g": "100", "bf": "0"}
         self._start_s: float | None = None
         self._last_tick = -1
         self._worker = Worker(self._encode, depth=4)

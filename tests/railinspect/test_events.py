@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from railinspect.boxes import boxes_touch, iou
 from railinspect.errors import BadInputError
-from railinspect.events import EventSettings, EventTracker, Sighting, boxes_touch, iou
+from railinspect.events import EventSettings, EventTracker, Sighting
 
 RATE_HZ = 12.5
 VANISHING = (320.0, 150.0)

@@ -1,0 +1,175 @@
+"""One place at which something was seen: what the event tracker remembers of it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+from railinspect.boxes import Box, area, union
+from railinspect.event_types import Event, Sighting, TimedRange
+
+TYPE_WEIGHT: Final[dict[str, float]] = {"distortion": 0.5, "obstruction": 1.0, "trespasser": 1.0}
+"""Weight of a finding's confidence in the vote on its event's type."""
+
+MAX_CLOSING_MPS: Final = 100.0
+"""Fastest approach considered when neither the ego speed nor a closing speed is known, m/s."""
+
+
+@dataclass
+class Candidate:
+    """A place where something was seen; an event once ``id`` is set."""
+
+    first_time_s: float
+    first_frame: int
+    hits: deque[bool]
+    id: int | None = None
+    confirmed_time_s: float | None = None
+    last_time_s: float = 0.0
+    last_frame: int = 0
+    box_xyxy: Box = (0.0, 0.0, 0.0, 0.0)
+    votes: dict[str, float] = field(default_factory=dict)
+    confidence_sum: float = 0.0
+    frames_seen: int = 0
+    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=12))
+    first_range: tuple[float, tuple[float, float] | None] | None = None
+    closest: tuple[float, tuple[float, float] | None, float] | None = None
+    best_quality: float = -1.0
+    best_frame: int = 0
+    best_box_xyxy: Box = (0.0, 0.0, 0.0, 0.0)
+    advice: str | None = None
+    advice_reason: str | None = None
+    advice_rank: int = -1
+    thumbnail_jpeg: bytes | None = None
+
+    @property
+    def type(self) -> str:
+        """The type with the most votes."""
+        return max(self.votes, key=lambda name: self.votes[name])
+
+    def closing_mps(self, ego_speed_mps: float | None) -> float | None:
+        """Speed at which the place comes nearer, m/s; None if nothing is known about it."""
+        if ego_speed_mps is not None:
+            return ego_speed_mps
+        if len(self.ranges) < 4 or self.ranges[-1].time_s - self.ranges[0].time_s < 0.15:
+            return None
+        times = [r.time_s - self.ranges[0].time_s for r in self.ranges]
+        mean_t = sum(times) / len(times)
+        mean_r = sum(r.range_m for r in self.ranges) / len(times)
+        spread = sum((t - mean_t) ** 2 for t in times)
+        pairs = zip(times, self.ranges, strict=True)
+        slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
+        return min(max(-slope, 0.0), MAX_CLOSING_MPS)
+
+    def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
+        """Predicted range and its standard deviation, metres; None without any range so far."""
+        if not self.ranges:
+            return None
+        range_m, std_m = self.ranges[-1].range_m, self.ranges[-1].std_m
+        gone_s = time_s - self.ranges[-1].time_s
+        closing = self.closing_mps(ego_speed_mps)
+        if closing is None:
+            # Anything between standing still and the fastest approach: centre and half width.
+            half_m = min(range_m, MAX_CLOSING_MPS * gone_s) / 2
+            return range_m - half_m, math.hypot(std_m, half_m)
+        drift_mps = 1.0 if ego_speed_mps is not None else 0.2 * closing + 2.0
+        return range_m - closing * gone_s, math.hypot(std_m, drift_mps * gone_s)
+
+    def box_at(self, range_m: float | None, vanishing_uv: tuple[float, float] | None) -> Box:
+        """The last box, grown about the vanishing point to the predicted range."""
+        if range_m is None or vanishing_uv is None or not self.ranges or range_m < 1.0:
+            return self.box_xyxy
+        scale = min(max(self.ranges[-1].range_m / range_m, 0.5), 4.0)
+        u, v = vanishing_uv
+        x0, y0, x1, y1 = self.box_xyxy
+        return (
+            u + (x0 - u) * scale,
+            v + (y0 - v) * scale,
+            u + (x1 - u) * scale,
+            v + (y1 - v) * scale,
+        )
+
+    def see(self, frame_index: int, time_s: float, sighting: Sighting) -> None:
+        """Take in a sighting; several of one frame count once, the nearest range leading."""
+        again = self.frames_seen > 0 and self.last_frame == frame_index
+        self.last_time_s, self.last_frame = time_s, frame_index
+        self.frames_seen += not again
+        vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence
+        self.votes[sighting.type] = self.votes.get(sighting.type, 0.0) + vote
+        if again:
+            self.box_xyxy = union(self.box_xyxy, sighting.box_xyxy)
+        else:
+            self.confidence_sum += sighting.confidence
+            self.box_xyxy = sighting.box_xyxy
+        quality = sighting.confidence * math.sqrt(area(self.box_xyxy) + 1)
+        quality *= 1.0 if sighting.whole else 0.5
+        if quality > 1.2 * self.best_quality:  # in steps, so few pictures are cut out
+            self.best_quality, self.best_frame = quality, frame_index
+            self.best_box_xyxy = self.box_xyxy
+        if sighting.range_m is not None:
+            self._see_range(time_s, sighting, sighting.range_m, again)
+
+    def _see_range(self, time_s: float, sighting: Sighting, range_m: float, again: bool) -> None:
+        bounds = sighting.range_interval_m or (range_m, range_m)
+        measured = TimedRange(time_s, range_m, sighting.range_std_m or 0.0, bounds)
+        if again and self.ranges and self.ranges[-1].time_s == time_s:
+            if range_m < self.ranges[-1].range_m:  # the nearer end of the same thing counts
+                self.ranges[-1] = measured
+        else:
+            self.ranges.append(measured)
+        if self.first_range is None:
+            self.first_range = (range_m, sighting.range_interval_m)
+        if self.closest is None or range_m < self.closest[0]:
+            self.closest = (range_m, sighting.range_interval_m, time_s)
+
+    def as_sighting(self) -> Sighting:
+        """The candidate as it was last seen."""
+        last = self.ranges[-1] if self.ranges else None
+        return Sighting(
+            self.type,
+            1.0,
+            self.box_xyxy,
+            last.range_m if last else None,
+            last.std_m if last else None,
+        )
+
+    def absorb(self, other: Candidate) -> None:
+        """Take over what another candidate has seen of the same place."""
+        for name, votes in other.votes.items():
+            self.votes[name] = self.votes.get(name, 0.0) + votes
+        if other.first_frame < self.first_frame:
+            self.first_frame, self.first_time_s = other.first_frame, other.first_time_s
+            self.first_range = other.first_range or self.first_range
+        if other.closest and (self.closest is None or other.closest[0] < self.closest[0]):
+            self.closest = other.closest
+        self.box_xyxy = union(self.box_xyxy, other.box_xyxy)
+
+    def event(self) -> Event:
+        """The candidate as an event; only for confirmed ones."""
+        assert self.id is not None
+        assert self.confirmed_time_s is not None
+        total = sum(self.votes.values()) or 1.0
+        first, closest = self.first_range, self.closest
+        return Event(
+            id=self.id,
+            type=self.type,
+            first_time_s=self.first_time_s,
+            confirmed_time_s=self.confirmed_time_s,
+            last_time_s=self.last_time_s,
+            first_frame=self.first_frame,
+            last_frame=self.last_frame,
+            best_frame=self.best_frame,
+            best_box_xyxy=self.best_box_xyxy,
+            frames_seen=self.frames_seen,
+            confidence=self.confidence_sum / max(self.frames_seen, 1),
+            type_shares={name: votes / total for name, votes in sorted(self.votes.items())},
+            first_range_m=first[0] if first else None,
+            first_range_interval_m=first[1] if first else None,
+            closest_range_m=closest[0] if closest else None,
+            closest_range_interval_m=closest[1] if closest else None,
+            closest_time_s=closest[2] if closest else None,
+            advice=self.advice,
+            advice_reason=self.advice_reason,
+            thumbnail_jpeg=self.thumbnail_jpeg,
+        )
