@@ -64,8 +64,8 @@ def range_of(
 
     Returns:
         The range; where the foot lies below the image's bottom, its upper limit with an interval
-        that begins at 0; or None beyond the reliable range: foot at or above the horizon, rails at the
-        foot closer than ``least_spacing_px``, or the error above ``worst_rel`` in all or
+        that begins at 0; or None beyond the reliable range: foot at or above the horizon, rails at
+        the foot closer than ``least_spacing_px``, or the error above ``worst_rel`` in all or
         ``worst_noise_rel`` from the foot's row.
     """
     settings = settings or RangingSettings()
@@ -125,7 +125,9 @@ def range_of(
     if finding.foot_uv[1] >= seen_by.size_wh[1] - 1:
         # The foot lies below the image: all that is known is an upper limit.
         upper = fused.interval_m[1]
-        return Range(fused.range_m, fused.range_m / 2, (0.0, upper), f"below the image, {fused.method}")
+        return Range(
+            fused.range_m, fused.range_m / 2, (0.0, upper), f"below the image, {fused.method}"
+        )
     if fused.std_m > settings.worst_rel * fused.range_m or row_rel > settings.worst_noise_rel:
         return None
     return fused

@@ -51,8 +51,15 @@ class Growth:
 
 @numba.njit(cache=True)
 def _sample(
-    score: npt.NDArray[np.uint8], cam: Array, x: float, y: float, nx: float, ny: float,
-    reach: float, steps: int, out: Array,
+    score: npt.NDArray[np.uint8],
+    cam: Array,
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    reach: float,
+    steps: int,
+    out: Array,
 ) -> bool:
     """Grey values along the normal through one ground point; True if inside the image."""
     u0, v0 = project(cam, x - reach * nx, y - reach * ny)
@@ -89,15 +96,27 @@ def _top(profile: Array, first: int, last: int) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _grow(
-    score: npt.NDArray[np.uint8], cam: Array, start: Array, std: Array, half: float,
-    s_first: float, step_px: float, search_px: float, seen: float, walk: float, shrink: float,
-    gap_m: float, gap_share: float, near_gap: float, min_spacing: float, s_least: float,
-    max_reach: float, nodes: Array,
+    score: npt.NDArray[np.uint8],
+    cam: Array,
+    start: Array,
+    std: Array,
+    half: float,
+    s_first: float,
+    step_px: float,
+    search_px: float,
+    seen: float,
+    walk: float,
+    shrink: float,
+    gap_m: float,
+    gap_share: float,
+    near_gap: float,
+    min_spacing: float,
+    s_least: float,
+    max_reach: float,
+    nodes: Array,
 ) -> tuple[int, int, int]:
     """Grow from ``start`` (x, y, ψ, κ); return nodes written, nodes up to the last seen, stop."""
-    rows_n, cols_n = score.shape
-    f = cam[0]
-    cos_t = 1.0 / math.sqrt(1.0 + (cam[5] / f) ** 2)
+    cols_n = score.shape[1]
     x, y, psi, kappa = start[0], start[1], start[2], start[3]
     p = np.zeros((3, 3))
     for i in range(3):
@@ -167,10 +186,10 @@ def _grow(
         sigma = math.sqrt(p[0, 0] + noise * noise)
         reach = max(search_px / metre, 3.0 * math.sqrt(p[0, 0]))
         reach = min(reach, 0.9 * half, 20.0 / metre * 2.0 * step_px)
-        steps = 2 * int(math.ceil(reach * metre / step_px)) + 1
+        steps = 2 * math.ceil(reach * metre / step_px) + 1
         steps = max(7, min(_MAX_SHIFTS, steps))
         grid = 2.0 * reach / (steps - 1)
-        n_rows = int(max(3, min(_MAX_ROWS, round(s_from - s_to) + 1)))
+        n_rows = max(3, min(_MAX_ROWS, round(s_from - s_to) + 1))
         left_in, right_in = 0, 0
         for j in range(n_rows):
             s_j = s_from + (s_to - s_from) * (j + 0.5) / n_rows
@@ -184,11 +203,29 @@ def _grow(
                 left_profiles[j, :] = 0.0
                 right_profiles[j, :] = 0.0
                 continue
-            if _sample(score, cam, xc + half * nxj, yc + half * nyj, nxj, nyj, reach, steps,
-                       left_profiles[j]):
+            if _sample(
+                score,
+                cam,
+                xc + half * nxj,
+                yc + half * nyj,
+                nxj,
+                nyj,
+                reach,
+                steps,
+                left_profiles[j],
+            ):
                 left_in += 1
-            if _sample(score, cam, xc - half * nxj, yc - half * nyj, nxj, nyj, reach, steps,
-                       right_profiles[j]):
+            if _sample(
+                score,
+                cam,
+                xc - half * nxj,
+                yc - half * nyj,
+                nxj,
+                nyj,
+                reach,
+                steps,
+                right_profiles[j],
+            ):
                 right_in += 1
         # Local Hough transform over shift and drift, both rails jointly, with the filter's
         # expectation as prior.
@@ -201,7 +238,7 @@ def _grow(
                 for i in range(steps):
                     left_sum[i], right_sum[i] = 0.0, 0.0
                 for j in range(n_rows):
-                    off = int(round(lean * drift[j] / grid))
+                    off = round(lean * drift[j] / grid)
                     for i in range(max(0, -off), min(steps, steps - off)):
                         left_sum[i] += left_profiles[j, i + off]
                         right_sum[i] += right_profiles[j, i + off]
@@ -221,7 +258,7 @@ def _grow(
                             right_best[m] = right_sum[m] / n_rows
         # Each rail's own position near the joint one.
         at = int(best_shift) + mid
-        slack = int(round(max(2.0, 1.5 * 2.0 * step_px / metre / grid, 0.06 / grid)))
+        slack = round(max(2.0, 1.5 * 2.0 * step_px / metre / grid, 0.06 / grid))
         lo, hi = max(0, at - slack), min(steps - 1, at + slack)
         for i in range(steps):
             smooth[i] = (

@@ -86,7 +86,8 @@ class Level:
         c = self.camera
         shifted = c.undistort(pixels_uv) - np.array(c.principal_uv)
         cr, sr = math.cos(c.roll_rad), math.sin(c.roll_rad)
-        return shifted @ np.array([[cr, sr], [-sr, cr]])
+        turned: Array = shifted @ np.array([[cr, sr], [-sr, cr]])
+        return turned
 
     def to_pixels(self, level_xy: npt.ArrayLike) -> Array:
         """Input pixels of levelled (X, Y), shape (..., 2)."""
@@ -96,7 +97,7 @@ class Level:
         return c.distort(turned + np.array(c.principal_uv))
 
     def ground_from_level(self, level_xy: npt.ArrayLike) -> Array:
-        """Ground (x, y), metres, of levelled points; NaN at or above the horizon. Shape (..., 2)."""
+        """Ground (x, y), metres, of levelled points, shape (..., 2); NaN from the horizon up."""
         points = np.asarray(level_xy, float)
         s = points[..., 1] - self.horizon_px
         s = np.where(s > 1e-6, s, np.nan)
@@ -148,7 +149,8 @@ def x_at(cam: Array, s: float) -> float:
     """Ground distance ahead x, metres, of a levelled row s pixels below the horizon."""
     f, h = cam[FOCAL], cam[HEIGHT]
     tan_t = -cam[HORIZON] / f
-    return f * h * (1.0 + tan_t * tan_t) / s - h * tan_t
+    x: float = f * h * (1.0 + tan_t * tan_t) / s - h * tan_t
+    return x
 
 
 @numba.njit(cache=True, inline="always")
@@ -162,4 +164,5 @@ def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
-    return top * (1.0 - b) + low * b
+    value: float = top * (1.0 - b) + low * b
+    return value

@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from railinspect import labels as L
+from railinspect import labels
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.track import TrackFollower, TrackGeometry
@@ -40,7 +40,9 @@ def rail_error_px(geometry: TrackGeometry, cam: Camera, curvature: object) -> np
     line = line[line[:, 0] > 3]
     truth = cam.distort(cam.project(rail_points(line, cam.rail_spacing_m / 2)))
     truth = truth[np.isfinite(truth).all(axis=1)][::-1]
-    return np.abs(np.interp(geometry.left_uv[:, 1], truth[:, 1], truth[:, 0]) - geometry.left_uv[:, 0])
+    return np.abs(
+        np.interp(geometry.left_uv[:, 1], truth[:, 1], truth[:, 0]) - geometry.left_uv[:, 0]
+    )
 
 
 CASES = [
@@ -219,11 +221,17 @@ def test_after_a_loss_the_last_beginning_points_stay_for_a_while() -> None:
 
 
 def blank(shape: tuple[int, int]) -> Masks:
-    return Masks(np.full(shape, L.TERRAIN, np.uint8), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
+    return Masks(
+        np.full(shape, labels.TERRAIN, np.uint8),
+        np.zeros(shape, np.uint8),
+        np.zeros(shape, np.uint8),
+    )
 
 
 def full(shape: tuple[int, int]) -> Masks:
-    return Masks(np.full(shape, L.RAIL_RAISED, np.uint8), *(np.full(shape, 255, np.uint8),) * 2)
+    return Masks(
+        np.full(shape, labels.RAIL_RAISED, np.uint8), *(np.full(shape, 255, np.uint8),) * 2
+    )
 
 
 @pytest.mark.parametrize("cam", [None, camera()])
@@ -283,7 +291,7 @@ def test_masks_that_are_none(labels: np.ndarray, score: np.ndarray, words: str) 
 def test_an_object_on_the_track_cuts_the_reach() -> None:
     cam = camera()
     free = follow(draw(cam, 0.0), cam)
-    cut = follow(draw(cam, 0.0, things=[Thing(L.TRUCK, 40.0, 0.0, 2.6, 3.5)]), cam)
+    cut = follow(draw(cam, 0.0, things=[Thing(labels.TRUCK, 40.0, 0.0, 2.6, 3.5)]), cam)
     assert free.reach_m is not None
     assert cut.reach_m is not None
     assert cut.reach_m == pytest.approx(40.0, abs=2.0)
