@@ -2,9 +2,10 @@
 
 The equation of motion of :mod:`railops.traction`, with the brake effort
 min(β(t)·b(v), adhesion), is integrated in time by the classical Runge–Kutta method of order
-four. Steps are laid so that the two kinks in time (end of the dead time, end of the build-up) fall
-on step boundaries; the last step is solved for v = 0. With steps of 0.5 s the distance differs
-from a 1 ms integration by millimetres, which a test holds against explicit Euler at 0.05 s.
+four. Steps are laid so that the kinks in time (end of the dead time; end of the build-up, or where
+adhesion cuts it short) fall on step boundaries; the last step is solved for v = 0. With steps of
+0.5 s the distance differs from a 1 ms integration by millimetres, which a test holds against
+explicit Euler at 0.05 s.
 """
 
 from __future__ import annotations
@@ -117,8 +118,13 @@ def stop(speed_mps: float, motion: Motion, step_s: float) -> tuple[float, float]
         if phase == 0:
             share, left = 0.0, motion.delay_s
         elif phase == 1:
-            share, left = 0.0, motion.build_up_s
-            growth = 1.0 / left if left > 0.0 else 0.0
+            # The rise ends where adhesion takes over, so that no step straddles that kink either.
+            full = brake_effort(1.0, speed, motion)
+            asked = motion.brake_share * line_resistance(
+                speed, motion.brake_speed, motion.brake_decel
+            )
+            share, left = 0.0, motion.build_up_s * (full / asked if full < asked else 1.0)
+            growth = 1.0 / motion.build_up_s if motion.build_up_s > 0.0 else 0.0
         if phase < 2:
             step = left / max(np.ceil(left / step_s), 1.0)
         while left > 1e-9:
