@@ -14,6 +14,7 @@ from railops.errors import UnreachableError, check_range
 from railops.pilot._transcription import PAPER_MESH, Guess, Mesh, RawSolution, Transcription
 from railops.pilot.leg import Leg
 from railops.pilot.lobatto import evaluate
+from railops.pilot.reference import Reference
 from railops.pilot.refusal import refuse_early, refuse_unsolved
 from railops.pilot.reintegration import STEP_M, Course, Trajectory, course_of, drive
 
@@ -101,7 +102,8 @@ class LegPlan:
         ratio: Pilot vehicle's speed over the mother train's there.
         bend: Its derivative by position, times the length of the leg.
         force_mps2: Force over mass there, m/s².
-        trajectory: The plan re-integrated, every few metres.
+        reference: The gap and its derivatives every few metres.
+        trajectory: The same re-integrated under the plan's force.
         check: How far the two differ.
         iterations: Iterations of the solver, all rounds.
         rounds: Mesh refinements that were made.
@@ -119,6 +121,7 @@ class LegPlan:
     ratio: Array
     bend: Array
     force_mps2: Array
+    reference: Reference
     trajectory: Trajectory
     check: Check
     iterations: int
@@ -177,7 +180,7 @@ def plan_leg(
     iterations += raw.iterations
     solve_s = time.perf_counter() - begin
     for round_ in range(tolerance.rounds + 1):
-        check, trajectory, marks = _verify(leg, mesh, raw.guess, course, tolerance)
+        check, reference, trajectory, marks = _verify(leg, mesh, raw.guess, course, tolerance)
         finer = _split(mesh, marks)
         done = not refine or check.within(tolerance) or round_ == tolerance.rounds
         if done or finer.points.size > tolerance.nodes:
@@ -209,6 +212,7 @@ def plan_leg(
         raw.guess.ratio,
         raw.guess.bend,
         raw.guess.force_mps2,
+        reference,
         trajectory,
         check,
         iterations,
@@ -291,7 +295,7 @@ def _split(mesh: Mesh, marks: npt.NDArray[np.bool_]) -> Mesh:
 
 def _verify(
     leg: Leg, mesh: Mesh, guess: Guess, course: Course, tolerance: Tolerance
-) -> tuple[Check, Trajectory, npt.NDArray[np.bool_]]:
+) -> tuple[Check, Reference, Trajectory, npt.NDArray[np.bool_]]:
     """Re-integrate under the plan's force on the exact profiles; say which elements to refine."""
     edges, step, rule = mesh.edges, mesh.nodes - 1, mesh.rule
     points, planned, ends = [], [], [0]
@@ -336,7 +340,8 @@ def _verify(
         | (gap_excess > max(tolerance.gap_m, 0.1))
     )
     marks = np.array([wrong[a : b + 1].any() for a, b in pairwise(ends)])
-    return check, path, marks if marks.any() else np.ones_like(marks)
+    reference = Reference(position, gap, ratio - 1.0, bend / guess.length_m)
+    return check, reference, path, marks if marks.any() else np.ones_like(marks)
 
 
 def _force(leg: Leg, position: Array, gap: Array, ratio: Array, bend: Array) -> Array:
