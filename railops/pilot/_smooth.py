@@ -36,7 +36,7 @@ class SmoothRamp:
         self._constant = float(ramp.at(start)) - self._linear * (start - low_m) - beyond
 
     def value(self, position: Any) -> Any:
-        """f at a CasADi expression of positions, metres."""
+        """Values f at a CasADi expression of positions, metres."""
         p = position - self._origin
         result = self._constant + self._linear * p
         for knot, bend in zip(self._knots.tolist(), self._bends.tolist(), strict=True):

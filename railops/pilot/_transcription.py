@@ -10,8 +10,9 @@ only enter the force, that is, bounds and cost. Polynomials therefore meet the d
 rough profiles cost resolution of the force only, not accuracy of the motion.
 
 The leg is cut into elements, each with n nodes that neighbours share; b is the polynomial through
-its nodes, and x and y are its exact integrals. One element of 40 nodes is the mesh of the paper's Table II. Unknowns per node: gap over the
-leg's length, y, b times the length, u/m and its slope; and the leg's length.
+its nodes, and x and y are its exact integrals. One element of 40 nodes is the mesh of the paper's
+Table II. Unknowns per node: gap over the leg's length, y, b times the length, u/m and its slope;
+and the leg's length.
 """
 
 from __future__ import annotations
@@ -143,7 +144,9 @@ class Transcription:
         bend, force = ca.SX.sym("bend", count), ca.SX.sym("force", count)
         length, weights = ca.SX.sym("length"), ca.SX.sym("weights", 2)
         self._unknowns: list[Any] = [share, ratio, bend, force, length]
-        self._low, self._high, self._start = [], [], []
+        self._low: list[Array] = []
+        self._high: list[Array] = []
+        self._start: list[Array] = []
         self._rows: list[tuple[Any, Array, Array]] = []
         distance = length * _LENGTH
         gap, position = share * distance, self._position(distance)
@@ -216,7 +219,7 @@ class Transcription:
             "ipopt.warm_start_mult_bound_push": 1e-7,
         }
         self._cold = ca.nlpsol("leg", "ipopt", programme, cold)
-        self._warm = lambda: ca.nlpsol("leg", "ipopt", programme, warm)
+        self._programme, self._warm_options = programme, warm
         self._parts = ca.Function("parts", [unknowns, weights], [cost, energy, jerk])
 
     def _firsts(self) -> range:
@@ -234,9 +237,7 @@ class Transcription:
     def _ramp(self, ramp: Ramp, rounding_m: float) -> SmoothRamp:
         """A table's smooth twin over everything the leg can reach."""
         low, high = self.leg.reach_m
-        return SmoothRamp(
-            ramp, low, high + max(self.leg.from_gap_m, self.leg.to_gap_m), rounding_m
-        )
+        return SmoothRamp(ramp, low, high + max(self.leg.from_gap_m, self.leg.to_gap_m), rounding_m)
 
     def _running(self, here: Any, speed: Any, rounding_m: float) -> Any:
         """All resistances at the pilot vehicle's place, m/s²."""
@@ -350,9 +351,7 @@ class Transcription:
         self._low = [np.full(n, low) for low, _, n in bounds] + self._low
         self._high = [np.full(n, high) for _, high, n in bounds] + self._high
 
-    def solve(
-        self, guess: Guess, weights: tuple[float, float] | None = None
-    ) -> RawSolution:
+    def solve(self, guess: Guess, weights: tuple[float, float] | None = None) -> RawSolution:
         """Run IPOPT from a guess; with multipliers in the guess, as a warm start."""
         aim = self.leg.objective
         weight = weights or (aim.energy_weight, aim.jerk_weight)
@@ -368,7 +367,7 @@ class Transcription:
         }
         solver = self._cold
         if guess.multipliers is not None:
-            solver = self._warm()
+            solver = self._casadi.nlpsol("leg", "ipopt", self._programme, self._warm_options)
             arguments["lam_x0"], arguments["lam_g0"] = guess.multipliers
         result = solver(**arguments)
         stats = solver.stats()

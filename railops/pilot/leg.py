@@ -16,12 +16,12 @@ Jerk = Literal["total", "worst", "bounded"]
 
 @dataclass(frozen=True)
 class Objective:
-    """What a leg minimises: p′ + λ₁·energy + λ₂·jerk, in the paper's units (metres, newtons, kg).
+    """What a leg minimises: p′ + λ₁·energy + λ₂·jerk, in the paper's units (m, N, kg).
 
     Energy, ∫ over the leg of the power u·v over the mother train's speed v_m:
 
     * ``signed``: u·v/v_m, so braking gives energy back. This is what reproduces Table II.
-    * ``absolute``: \\|u·v/v_m\\|, eq. 5.
+    * ``absolute``: the size of u·v/v_m, eq. 5.
     * ``squared``: (u·v/v_m)², eqs. 21 and 30 as printed.
     * ``traction``: max(0, u·v/v_m), braking by friction.
 
@@ -30,7 +30,7 @@ class Objective:
     * ``total``: (1/m)·∫ (du/dp_m)² dp_m, eqs. 21 and 30.
     * ``worst``: the largest (1/m)·(du/dp_m)², Appendix A eqs. 11–20 (there over time; over
       position, as eq. 21, is what the authors' published solution shows).
-    * ``bounded``: no cost, but \\|du/dt\\|/m <= ``jerk_limit_mps3``, Appendix A eqs. 21–23.
+    * ``bounded``: no cost, but du/dt over m within ±``jerk_limit_mps3``, Appendix A eqs. 21–23.
 
     Attributes:
         energy: Which energy.

@@ -1,4 +1,4 @@
-"""Legendre–Gauss–Lobatto nodes, weights and the matrices that differentiate, evaluate and integrate.
+"""Legendre–Gauss–Lobatto nodes and weights; matrices that differentiate, evaluate, integrate.
 
 On [0, 1]; exact for polynomials of degree 2n − 3 (weights) and n − 1 (matrices) with n nodes.
 """

@@ -15,6 +15,7 @@ track, from the mother train's front.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy.typing as npt
 from scipy import special
 
 from railops.braking import Brake, Disturbances, StopLaw, Train, largest_probability
+from railops.braking.montecarlo import usable_cores
 from railops.errors import check_range
 from railops.pilot.vehicle import PilotVehicle
 from railops.traction import Adhesion, Line
@@ -254,13 +256,16 @@ def share_of(hits: int, count: int) -> Share:
     return Share(hits / count, low, high)
 
 
-def simulate(mission: Mission, missions: int, seed: int = 0) -> Campaign:
+def simulate(
+    mission: Mission, missions: int, seed: int = 0, threads: int | None = None
+) -> Campaign:
     """Simulate independent missions.
 
     Args:
         mission: What to simulate.
         missions: How many, >= 1.
-        seed: Seed; with ``missions`` it determines the result.
+        seed: Seed; with ``missions`` it determines the result, whatever the threads.
+        threads: Threads; default: the cores this process may use.
 
     Raises:
         CannotStopError: if one of the two vehicles cannot stop even undisturbed.
@@ -273,10 +278,13 @@ def simulate(mission: Mission, missions: int, seed: int = 0) -> Campaign:
     )
     starts = range(0, int(missions), _CHUNK)
     seeds = np.random.SeedSequence(seed).spawn(len(starts))
-    parts = [
-        _chunk(mission, laws, min(_CHUNK, int(missions) - start), np.random.default_rng(one))
-        for start, one in zip(starts, seeds, strict=True)
-    ]
+
+    def part(start: int, one: np.random.SeedSequence) -> tuple[Array, ...]:
+        count = min(_CHUNK, int(missions) - start)
+        return _chunk(mission, laws, count, np.random.default_rng(one))
+
+    with ThreadPoolExecutor(threads or usable_cores()) as pool:
+        parts = list(pool.map(part, starts, seeds))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
     pilot, with_pilot, camera, driver, reaches, sudden = joined
     margins = {"pilot": with_pilot, "camera": camera, "driver": driver}

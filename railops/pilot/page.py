@@ -36,7 +36,8 @@ $table
 const runs = $runs, obstacle = $obstacle, step = $step;
 const canvas = document.getElementById("view"), pen = canvas.getContext("2d");
 const slider = document.getElementById("at"), clock = document.getElementById("clock");
-const names = {pilot: "with a pilot vehicle", camera: "camera on the train", driver: "driver alone"};
+const names = {
+  pilot: "with a pilot vehicle", camera: "camera on the train", driver: "driver alone"};
 function draw() {
   const i = +slider.value, scale = 1020 / (obstacle * 1.05);
   pen.clearRect(0, 0, canvas.width, canvas.height); pen.font = "15px system-ui";

@@ -63,7 +63,7 @@ def pareto_sweep(
     return [Compromise(*row, efficient=not _beaten(row[2:], points)) for row in found]
 
 
-def _beaten(point: tuple[float, ...], points: list[tuple[float, ...]]) -> bool:
+def _beaten(point: tuple[float, ...], points: Sequence[tuple[float, ...]]) -> bool:
     """Whether some other point is at least as good in everything and better in something."""
 
     def better(other: tuple[float, ...]) -> bool:

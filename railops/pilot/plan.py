@@ -23,7 +23,7 @@ Array = npt.NDArray[np.float64]
 #: Forty nodes like the paper's mesh, but as thirteen elements: sparser, hence faster.
 DEFAULT_MESH = Mesh.uniform(13, 4)
 
-__all__ = ["DEFAULT_MESH", "PAPER_MESH", "Check", "LegPlan", "Tolerance", "plan_leg"]
+__all__ = ["DEFAULT_MESH", "PAPER_MESH", "Check", "LegPlan", "Mesh", "Tolerance", "plan_leg"]
 
 
 @dataclass(frozen=True)

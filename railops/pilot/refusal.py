@@ -99,7 +99,9 @@ def refuse_unsolved(leg: Leg, attempt: Attempt) -> None:
     Raises:
         UnreachableError: always.
     """
-    quick = replace(leg.objective, energy_weight=0.0, jerk_weight=min(1.0, leg.objective.jerk_weight))
+    quick = replace(
+        leg.objective, energy_weight=0.0, jerk_weight=min(1.0, leg.objective.jerk_weight)
+    )
     if leg.objective.jerk == "bounded":
         quick = replace(quick, jerk_weight=leg.objective.jerk_weight)
     asked = leg.length_m if leg.length_m is not None else leg.room_m

@@ -47,10 +47,13 @@ def course_of(route: Route, vehicle: PilotVehicle) -> Course:
         davis.c0,
         davis.c1,
         davis.c2,
-        *(np.ascontiguousarray(part) for part in route.resistance),
-        *(np.ascontiguousarray(part) for part in route.tunnel),
-        *(np.ascontiguousarray(part) for part in route.mother.accel),
-        np.ascontiguousarray(route.mother.energy),
+        route.resistance.position_m,
+        route.resistance.value,
+        route.tunnel.position_m,
+        route.tunnel.value,
+        route.mother.accel.position_m,
+        route.mother.accel.value,
+        route.mother.energy,
     )
 
 
@@ -86,9 +89,7 @@ def mother_motion(position_m: float, course: Course) -> tuple[float, float]:
 
 
 @compiled
-def _march(
-    position: Array, force: Array, gap: Array, speed: Array, course: Course
-) -> None:
+def _march(position: Array, force: Array, gap: Array, speed: Array, course: Course) -> None:
     """Runge–Kutta over pairs of intervals of ``position``; fills every second gap and speed.
 
     ``force`` is given at every position, so also at the middle of each step.

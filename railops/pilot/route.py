@@ -194,9 +194,7 @@ class Route:
         """The paper's trip: 300 km, flat and straight, speed after eq. 40."""
         return Route(SpeedProfile.paper(trip_m, ramp_m))
 
-    def hold_mps2(
-        self, vehicle: PilotVehicle, mother_m: Array | float, gap_m: float
-    ) -> Array:
+    def hold_mps2(self, vehicle: PilotVehicle, mother_m: Array | float, gap_m: float) -> Array:
         """The force over mass that holds the gap there, eqs. 19 and 20, m/s².
 
         The printed equations omit the mother train's own acceleration v_m·dv_m/dp, which the

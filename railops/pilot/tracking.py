@@ -8,7 +8,7 @@ an odometer with a scale error; wind; and a model whose coefficients are not the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,7 @@ from railops.pilot.reintegration import Course, course_of, mother_motion, pilot_
 from railops.pilot.sight import in_sight
 from railops.pilot.trip import TripPlan
 from railops.pilot.vehicle import PilotVehicle
-from railops.traction import line_resistance
+from railops.traction import Davis, line_resistance
 
 Array = npt.NDArray[np.float64]
 
@@ -122,7 +122,7 @@ class Track:
 
     @property
     def error_m(self) -> Array:
-        """e = x_ref − x, metres."""
+        """Tracking error e = x_ref − x, metres."""
         return self.reference_m - self.gap_m
 
     @property
@@ -187,6 +187,7 @@ def track(
 
     times = _mother_times(course_of(trip.route, trip.vehicle), step_s)
     count = times.size
+    clock = np.arange(count, dtype=np.float64) * step_s
     noise = rng.standard_normal((count, 2))
     lost = rng.random(count) < reality.radio_loss
     low, high = trip.vehicle.available_mps2 if reality.limited else (-np.inf, np.inf)
@@ -230,7 +231,7 @@ def track(
     )
     gap, ref, speed, force, estimate, seen, beyond, _ = out.T
     return Track(
-        step_s * np.arange(count),
+        clock,
         times,
         gap,
         ref,
@@ -245,10 +246,6 @@ def track(
 
 def _real_vehicle(vehicle: PilotVehicle, reality: Reality) -> PilotVehicle:
     """The vehicle as it is, where the controller knows only ``vehicle``."""
-    from dataclasses import replace
-
-    from railops.traction import Davis
-
     more, davis = 1.0 + reality.resistance_error, vehicle.davis
     return replace(vehicle, davis=Davis(more * davis.c0, more * davis.c1, more * davis.c2))
 
@@ -283,8 +280,14 @@ def _mother_run(course: Course, step_s: float, most: int) -> Array:
 
 @compiled
 def _step(
-    gap: float, speed: float, mother_m: float, next_m: float, force: float, gust: float,
-    step_s: float, real: Course,
+    gap: float,
+    speed: float,
+    mother_m: float,
+    next_m: float,
+    force: float,
+    gust: float,
+    step_s: float,
+    real: Course,
 ) -> tuple[float, float]:
     """Eq. 2 over one decision with constant force: Runge–Kutta in time."""
     middle_m = 0.5 * (mother_m + next_m)
@@ -318,8 +321,15 @@ def _feed_forward(
 
 @compiled
 def _mpc_force(
-    mother_m: float, error: float, error_rate: float, push: float,
-    reference: Reference, model: Course, tables: MpcTables, low: float, high: float,
+    mother_m: float,
+    error: float,
+    error_rate: float,
+    push: float,
+    reference: Reference,
+    model: Course,
+    tables: MpcTables,
+    low: float,
+    high: float,
     correction: Array,
 ) -> float:
     """One MPC decision: feed-forward less disturbance plus the first correction.
@@ -340,14 +350,25 @@ def _mpc_force(
         gradient[k] = tables.linear[k, 0] * error + tables.linear[k, 1] * error_rate
         correction[k] = min(max(correction[k], floor[k]), ceiling[k])
     box_qp(tables.hessian, gradient, floor, ceiling, correction, tables.sweeps)
-    return first + correction[0] / model.epsilon
+    return first + float(correction[0]) / model.epsilon
 
 
 @compiled
 def _loop(
-    model: Course, real: Course, reference: Reference, sight_at: Array, sight: Array,
-    mother: Array, noise: Array, lost: npt.NDArray[np.bool_], is_mpc: bool, gains: Array,
-    tables: MpcTables, settings: Array, delays: npt.NDArray[np.int64], out: Array,
+    model: Course,
+    real: Course,
+    reference: Reference,
+    sight_at: Array,
+    sight: Array,
+    mother: Array,
+    noise: Array,
+    lost: npt.NDArray[np.bool_],
+    is_mpc: bool,
+    gains: Array,
+    tables: MpcTables,
+    settings: Array,
+    delays: npt.NDArray[np.int64],
+    out: Array,
 ) -> None:
     """The closed loop, one row of ``out`` per decision.
 
@@ -390,8 +411,16 @@ def _loop(
             # The commands still on their way act before this one does: look past them.
             ahead_s = delays[0] * step + lag
             wanted = _mpc_force(
-                at + mother_now * ahead_s, -error - error_rate * ahead_s, -error_rate, push,
-                reference, model, tables, low, high, correction,
+                at + mother_now * ahead_s,
+                -error - error_rate * ahead_s,
+                -error_rate,
+                push,
+                reference,
+                model,
+                tables,
+                low,
+                high,
+                correction,
             )
         else:
             wanted, total = pid_force(error, error_rate, total, gains, low, high, step)
@@ -401,7 +430,12 @@ def _loop(
         force = keep * force + (1.0 - keep) * acting
 
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = gap, gap_ref, speed, force * effort
-        out[i, 4], out[i, 5], out[i, 6], out[i, 7] = estimate, 1.0 if seen else 0.0, 1.0 if beyond else 0.0, push
+        out[i, 4], out[i, 5], out[i, 6], out[i, 7] = (
+            estimate,
+            1.0 if seen else 0.0,
+            1.0 if beyond else 0.0,
+            push,
+        )
         accel = pilot_acceleration(force, own, at + estimate, model)
         predicted_speed = own + step * (accel + push)
         gust = gust_keep * gust + gust_std * np.sqrt(1.0 - gust_keep**2) * noise[i, 1]
