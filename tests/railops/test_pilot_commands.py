@@ -25,10 +25,9 @@ def route(tmp_path):
 
 def test_plan_prints_one_document_and_draws(route, tmp_path, capsys):
     figure = tmp_path / "plan.png"
-    code = main(
-        ["pilot", "plan", "--route", route, "--open-from-m", "5000", "--far-gap-m", "1200"]
-        + ["--points", "11", "--figure", str(figure), "--json"]
-    )
+    arguments = ["pilot", "plan", "--route", route, "--open-from-m", "5000", "--json"]
+    arguments += ["--far-gap-m", "1200", "--points", "11", "--figure", str(figure)]
+    code = main(arguments)
     document = json.loads(capsys.readouterr().out)
     assert code == 0
     assert set(document["legs"]) == {"opening", "closing"}
@@ -39,10 +38,8 @@ def test_plan_prints_one_document_and_draws(route, tmp_path, capsys):
 
 def test_track_fails_its_check_with_status_one(route, tmp_path, capsys):
     figure = tmp_path / "track.png"
-    code = main(
-        ["pilot", "track", "--route", route, "--rough", "--most-m", "0.001", "--json"]
-        + ["--figure", str(figure)]
-    )
+    arguments = ["pilot", "track", "--route", route, "--rough", "--most-m", "0.001", "--json"]
+    code = main([*arguments, "--figure", str(figure)])
     document = json.loads(capsys.readouterr().out)
     assert code == 1
     assert document["largest_error_m"] > 0.001

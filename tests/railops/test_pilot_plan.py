@@ -127,7 +127,7 @@ def test_a_third_integrator_in_time_ends_where_the_plan_does(name, request):
     top = 120.0 / 3.6
 
     def rates(_, state):
-        p, x, v = state
+        p, _x, v = state
         force = np.interp(p, path.position_m, path.force_mps2)
         return [top, v - top, force - davis.c0 - davis.c1 * v - davis.c2 * v * v]
 
@@ -154,8 +154,12 @@ def test_random_profiles_are_driven_as_planned_or_refused(seed):
     )
     try:
         plan = plan_leg(leg)
-    except UnreachableError as refusal:
-        assert refusal.constraint
+    except UnreachableError as error:
+        refusal = error
+    else:
+        refusal = None
+    if refusal is not None:
+        assert refusal.constraint in {"section", "force", "traction force", "braking force"}
         assert refusal.shortfall > 0
         return
     path, vehicle = plan.trajectory, leg.vehicle
@@ -256,7 +260,7 @@ def test_a_short_section_is_short_by_the_right_amount():
 
 
 def test_overlapping_legs_and_unsafe_gaps_are_refused():
-    with pytest.raises(UnreachableError, match="does not exceed .* by 50 m"):
+    with pytest.raises(UnreachableError, match=r"does not exceed .* by 50 m"):
         plan_trip(Trip(far_gap_m=750.0))
     with pytest.raises(UnreachableError, match="too short: the gap is open at"):
         plan_trip(Trip(close_until_m=22e3))

@@ -145,7 +145,7 @@ def test_box_qp_finds_the_constrained_minimum(seed):
 
 
 def test_bad_input_is_refused(plan):
-    with pytest.raises(DomainError, match="radio_loss is 1.5"):
+    with pytest.raises(DomainError, match=r"radio_loss is 1\.5"):
         Reality(radio_loss=1.5)
     with pytest.raises(DomainError, match="horizon is 1"):
         Mpc(horizon=1)
