@@ -175,7 +175,7 @@ def plan_leg(
     course = course_of(leg.route, leg.vehicle)
     begin, iterations = time.perf_counter(), 0
     guesses = [_from_plan(start, mesh)] if start is not None else []
-    guesses += [_first_guess(leg, mesh, stretch) for stretch in (1.25, 2.0, 0.9)]
+    guesses += [_first_guess(leg, mesh, stretch) for stretch in (1.25, 2.0)]
     raw = _solve(leg, mesh, guesses)
     iterations += raw.iterations
     solve_s = time.perf_counter() - begin

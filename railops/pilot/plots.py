@@ -115,7 +115,7 @@ def plot_track(plan: TripPlan, tracks: dict[str, Track], path: str | Path) -> Pa
     for axis, label in zip(axes[:, 0], ("x, m", "x_ref − x, m", "u/m, m/s²"), strict=True):
         axis.set_ylabel(label)
         _marks(axis, plan)
-    axes[0, 0].legend(frameon=False)
+    axes[0, 0].legend(frameon=False, loc="lower center")
     return _save(figure, path)
 
 

@@ -112,6 +112,13 @@ class SpeedProfile:
             raise DomainError(
                 "position_m", f"{at.size} positions", "two or more, a transition apart"
             )
+        if not (speed[1:-1] > 0.0).all():
+            raise DomainError(
+                "speed_mps",
+                f"{speed[1:-1].min():g} m/s between the ends",
+                "a train that moves between its ends",
+                "plan each run between two stops on its own",
+            )
         half = 0.5 * transition_m
         accel = np.diff(speed**2) / 2.0 / np.diff(at)
         # At the two ends the piece keeps its acceleration right up to the station.
@@ -137,6 +144,7 @@ class SpeedProfile:
         accel = top_mps**2 * -beta_per_m * np.exp(beta_per_m * near) * -np.expm1(beta_per_m * near)
         at = np.concatenate([[0.0], near, trip_m - near[::-1], [trip_m]])
         accel = np.concatenate([accel[:1], accel])
+        accel[-1] = 0.0
         # The trapezium rule and the first metres are off by some 10⁻⁴: end at ``top`` exactly.
         reached = np.trapezoid(accel, at[: knots + 1])
         accel = accel * (0.5 * top_mps**2 / reached)

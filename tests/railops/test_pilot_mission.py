@@ -104,6 +104,7 @@ def test_three_g_is_capped_by_adhesion():
     assert brake > 1.4 * (30.0**2 / (2.0 * 5.0) + 30.0 * 0.15)
 
 
+@settings(deadline=None)
 @given(st.integers(1, 10_000), st.floats(0.0, 1.0))
 def test_share_encloses_its_value(count, part):
     share = share_of(round(part * count), count)
