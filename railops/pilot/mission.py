@@ -248,8 +248,8 @@ def share_of(hits: int, count: int) -> Share:
     """A share with two one-sided Clopper–Pearson bounds.
 
     Example:
-        >>> share_of(0, 100)
-        Share(value=0.0, low=0.0, high=0.03621669264517642)
+        >>> round(share_of(0, 100).high, 6)
+        0.036217
     """
     high = largest_probability(count, 0.975, hits)
     low = 1.0 - largest_probability(count, 0.975, count - hits)
