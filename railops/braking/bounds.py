@@ -126,7 +126,7 @@ def largest_probability(trials: int, confidence: float, exceedances: int = 0) ->
         >>> round(largest_probability(459, 0.99), 6)
         0.009983
         >>> round(largest_probability(459, 0.99, exceedances=1), 6)
-        0.014389
+        0.014374
     """
     check_range("trials", trials, 1, 1e15)
     check_range("exceedances", exceedances, 0, trials)

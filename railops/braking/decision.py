@@ -14,12 +14,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Literal
 
 from railops.braking.channels import joint_exceedance
 from railops.braking.stopping import STEP_S, cannot_stop, motion_of, stop
 from railops.braking.train import Train
 from railops.errors import CannotStopError, DomainError, MeasurementError, check_range
+from railops.files import build, read_mapping
 
 Action = Literal["none", "warn", "service", "emergency"]
 SEVERITY: dict[str, int] = {"none": 0, "warn": 1, "service": 2, "emergency": 3}
@@ -113,6 +115,15 @@ class Policy:
         for name in ("when_unknown", "when_few"):
             if getattr(self, name) not in SEVERITY:
                 raise DomainError(name, getattr(self, name), f"one of {list(SEVERITY)}")
+
+    @staticmethod
+    def load(path: str | Path) -> Policy:
+        """Read a policy from YAML: the attributes above as keys, those left out by default.
+
+        Raises:
+            FileError: if the file cannot be read, or has unknown keys or mistyped values.
+        """
+        return build(Policy, read_mapping(path, "policy file"), f"policy file {path}")
 
     def range_lower_m(self, measurement: RangeMeasurement) -> float:
         """L_measured − ΔL_max: the range the obstacle is at least at, metres, >= 0."""

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import yaml
 
 from railops.errors import DomainError, FileError, check_range
+from railops.files import build, read_mapping, write_mapping
 from railops.traction import LEVEL, MAX_SPEED_MPS, Adhesion, Davis, Line
 
 Array = npt.NDArray[np.float64]
@@ -133,54 +130,13 @@ class Train:
             FileError: if the file cannot be read, or has unknown keys or mistyped values.
             DomainError: if a value lies outside its range.
         """
-        try:
-            data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise FileError(f"cannot read train file {path}: {error}") from error
-        if not isinstance(data, dict):
-            raise FileError(f"train file {path} must hold a mapping of train quantities")
+        data = read_mapping(path, "train file")
         if speed_mps is not None:
             data["speed_mps"] = speed_mps
         if "speed_mps" not in data:
             raise FileError(f"train file {path} has no speed_mps, and no speed was given")
-        built: Train = _build(Train, data, f"train file {path}")
-        return built
+        return build(Train, data, f"train file {path}")
 
     def save(self, path: str | Path) -> None:
         """Write the train as YAML that :meth:`load` reads back to an equal train."""
-        Path(path).write_text(yaml.safe_dump(_plain(self), sort_keys=False), encoding="utf-8")
-
-
-_NESTED: Mapping[str, type] = {
-    "line": Line,
-    "davis": Davis,
-    "adhesion": Adhesion,
-    "service": Brake,
-    "emergency": Brake,
-}
-
-
-def _build(kind: type, data: Any, where: str) -> Any:
-    """Build a dataclass from a mapping, refusing unknown keys."""
-    if not isinstance(data, dict):
-        raise FileError(f"{where}: {kind.__name__} must be a mapping, not {data!r}")
-    known = [item.name for item in fields(kind) if item.init]
-    if unknown := sorted(set(map(str, data)) - set(known)):
-        raise FileError(f"{where} has unknown keys {unknown}; known: {known}")
-    values = {
-        key: _build(_NESTED[key], value, f"{where}: {key}") if key in _NESTED else value
-        for key, value in data.items()
-    }
-    try:
-        return kind(**values)
-    except TypeError as error:
-        raise FileError(f"{where} is incomplete or mistyped: {error}") from error
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses as mappings and tuples as lists, the way YAML writes them."""
-    if is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in fields(value) if item.init}
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value if not isinstance(value, float) or math.isfinite(value) else float(value)
+        write_mapping(path, self)

@@ -1,0 +1,69 @@
+"""YAML files of settings: one mapping per dataclass, unknown keys refused."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, cast, get_type_hints
+
+import yaml
+
+from railops.errors import FileError
+
+Kind = TypeVar("Kind")
+
+
+def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
+    """Read a YAML file that holds a mapping; ``what`` names it in messages ("train file").
+
+    Raises:
+        FileError: if it cannot be read or holds something else.
+    """
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise FileError(f"cannot read {what} {path}: {error}") from error
+    if not isinstance(data, dict):
+        raise FileError(f"{what} {path} must hold a mapping")
+    return data
+
+
+def build(kind: type[Kind], data: Any, where: str) -> Kind:
+    """Build a dataclass from a mapping, nested dataclasses from nested mappings.
+
+    Args:
+        kind: The dataclass.
+        data: What the file holds.
+        where: Names the place in messages ("train file train.yaml").
+
+    Raises:
+        FileError: if ``data`` is not a mapping, has unknown keys, or misses one.
+    """
+    if not isinstance(data, dict):
+        raise FileError(f"{where}: {kind.__name__} must be a mapping, not {data!r}")
+    hints = get_type_hints(kind)
+    known = [item.name for item in fields(cast(Any, kind)) if item.init]
+    if unknown := sorted(set(map(str, data)) - set(known)):
+        raise FileError(f"{where} has unknown keys {unknown}; known: {known}")
+    values = {
+        key: build(hints[key], value, f"{where}: {key}") if is_dataclass(hints[key]) else value
+        for key, value in data.items()
+    }
+    try:
+        return kind(**values)
+    except TypeError as error:
+        raise FileError(f"{where} is incomplete or mistyped: {error}") from error
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses as mappings and tuples as lists, the way YAML writes them."""
+    if is_dataclass(value):
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value) if item.init}
+    if isinstance(value, (tuple, list)):
+        return [plain(item) for item in value]
+    return value
+
+
+def write_mapping(path: str | Path, value: Any) -> None:
+    """Write a dataclass as YAML that :func:`read_mapping` and :func:`build` read back."""
+    Path(path).write_text(yaml.safe_dump(plain(value), sort_keys=False), encoding="utf-8")
