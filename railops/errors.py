@@ -5,6 +5,7 @@ RailOpsError
 │   └── MeasurementError   measurements that are empty, unsorted or from the future
 ├── CannotStopError        brake and adhesion cannot hold the train on the gradient
 ├── EvidenceError          a claim the trials at hand do not support
+├── MissingExtraError      an optional dependency that is not installed
 └── FileError              a file that cannot be read as what it should be
 """
 
@@ -46,6 +47,10 @@ class CannotStopError(RailOpsError, ValueError):
     def __init__(self, message: str, advice: Any = None) -> None:
         self.advice = advice
         super().__init__(message)
+
+
+class MissingExtraError(RailOpsError, ImportError):
+    """An optional dependency is not installed; the message names the extra that brings it."""
 
 
 class EvidenceError(RailOpsError, ValueError):
