@@ -163,7 +163,7 @@ def collision_probability(
 
         >>> p = collision_probability(Approach(1000.0, 80 / 3.6), Approach(500.0, 40 / 3.6))
         >>> round(p, 3)
-        0.547
+        0.546
     """
     place, doubt = crossing or Crossing(), uncertainty or Uncertainty()
     return float(
