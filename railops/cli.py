@@ -21,6 +21,7 @@ from railops.errors import RailOpsError
 
 ROOMS: Mapping[str, str] = {
     "braking": "railops.braking.commands",
+    "crossing": "railops.crossing.commands",
 }
 
 

@@ -99,8 +99,8 @@ def cause_of(drive: Drive, avoidable: bool) -> str:
     if drive.train_knew_s is None:
         return "no busy signal reached the train, though the station knew in time"
     return (
-        f"the busy signal reached the train {drive.train_knew_s - drive.station_knew_s:.1f} s after "
-        f"the station knew, {drive.train_knew_s - last:.1f} s after the last braking point"
+        f"the busy signal reached the train {drive.train_knew_s - drive.station_knew_s:.1f} s "
+        f"after the station knew, {drive.train_knew_s - last:.1f} s after the last braking point"
     )
 
 

@@ -53,8 +53,9 @@ def hypermutate(
     """Mutated copies, shape (K, size); amplitude falls with affinity in [0, 1].
 
     The amplitude falls as exp(−decay·affinity), and within two decades by chance, so that a
-    generation searches near and far. At least one gene of every clone changes; one change in five takes a gene from the library
-    (least, none, most), which is how "leave this vehicle alone" is found exactly.
+    generation searches near and far. At least one gene of every clone changes; one change in five
+    takes a gene from the library (least, none, most), which is how "leave this vehicle alone" is
+    found exactly.
     """
     low, high = problem.actions.low_kmh, problem.actions.high_kmh
     amplitude = 0.5 * (high - low) * np.exp(-decay * affinity)[:, None]

@@ -11,8 +11,8 @@ that the machine's vector units do the work.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -135,7 +135,8 @@ def coordinates(points: Array, units: Units) -> Array:
     ``scaled`` is the unit cube, where all eight ranges weigh alike; ``raw`` measures from the
     ranges' lower ends in the published units, where the two distances outweigh everything else.
     """
-    return scaled(points) if units == "scaled" else points - LOW
+    result: Array = scaled(points) if units == "scaled" else points - LOW
+    return result
 
 
 def extent(units: Units) -> Array:

@@ -283,8 +283,6 @@ def save(path: str | Path, drive: Drive, traces: Sequence[Trace]) -> None:
             )
             seed = drive.plan.seed
             connection.execute("INSERT INTO drive VALUES (?, ?)", (seed, json.dumps(asdict(drive))))
-            connection.executemany(
-                f"INSERT INTO message VALUES ({seed:d}, ?, ?, ?, ?, ?, ?)", rows
-            )
+            connection.executemany(f"INSERT INTO message VALUES ({seed:d}, ?, ?, ?, ?, ?, ?)", rows)
     except sqlite3.Error as error:
         raise FileError(f"cannot keep the drive in {path}: {error}") from error

@@ -29,9 +29,7 @@ class Front:
     def best(self, problem: Problem) -> Reaction:
         """The front's solution of the smallest F."""
         value = self.probability + TRAIN_CHANGE_WEIGHT * self.train_change_kmh
-        return reaction_of(
-            problem, self.changes_kmh[np.argmin(value)], "NSGA-II", self.evaluations
-        )
+        return reaction_of(problem, self.changes_kmh[np.argmin(value)], "NSGA-II", self.evaluations)
 
 
 def nsga2(problem: Problem, seed: int, population: int = 100, generations: int = 150) -> Front:

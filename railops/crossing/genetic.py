@@ -54,7 +54,9 @@ def solve(problem: Problem, seed: int, settings: Settings | None = None) -> Reac
     evaluations = count
     for _ in range(chosen.generations):
         duels = rng.integers(count, size=(2, count, 2))
-        winners = np.where(value[duels[..., 0]] < value[duels[..., 1]], duels[..., 0], duels[..., 1])
+        winners = np.where(
+            value[duels[..., 0]] < value[duels[..., 1]], duels[..., 0], duels[..., 1]
+        )
         mother, father = population[winners[0]], population[winners[1]]
         blend = rng.uniform(-0.25, 1.25, mother.shape)
         mixed = np.where(rng.random((count, 1)) < chosen.crossover, blend, 0.0)

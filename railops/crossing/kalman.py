@@ -65,7 +65,7 @@ class Noise:
 class Predictor:
     """One vehicle's reports and what follows from them."""
 
-    def __init__(self, noise: Noise | None = None, keep: int = 30) -> None:
+    def __init__(self, noise: Noise | None = None, keep: int = 15) -> None:
         self._noise = noise or Noise()
         self._keep = int(check_range("keep", keep, 1, 10_000))
         self._reports: list[Report] = []
@@ -116,7 +116,9 @@ class Predictor:
             at = report.sent_s
         state, spread = _forward(state, spread, now_s - at, noise.accel)
         deviation = np.sqrt(np.diag(spread))
-        return Estimate(*map(float, (*state, *deviation)), age_s=age)
+        return Estimate(
+            float(state[0]), float(state[1]), float(deviation[0]), float(deviation[1]), age
+        )
 
 
 def _forward(

@@ -114,9 +114,7 @@ class Station:
             self._registered.setdefault(message.sender, Predictor())
             self._bus.send("graph", self._id, message.sender, **self._graph)
         elif message.kind == "position" and message.sender in self._registered:
-            report = Report(
-                message.sent_s, message.body["distance_m"], message.body["speed_mps"]
-            )
+            report = Report(message.sent_s, message.body["distance_m"], message.body["speed_mps"])
             try:
                 self._registered[message.sender].add(report, self._now())
             except (DomainError, MeasurementError) as error:
@@ -218,6 +216,8 @@ class TrainUnit:
             and age > self._policy.current_s
             and distance_m - stopping_m <= self._policy.margin_m
         ):
-            known = "no state" if self._state_sent_s < 0.0 else f"the newest state is {age:.1f} s old"
+            known = (
+                "no state" if self._state_sent_s < 0.0 else f"the newest state is {age:.1f} s old"
+            )
             self.brake_reason = f"doubt: {known}"
         return self.brake_reason is not None
