@@ -20,6 +20,7 @@ from railops.crossing.detectors import DetectorSet, Units, coordinates, extent
 from railops.crossing.situation import DIMENSIONS, Situation, as_points
 from railops.errors import DomainError, check_range
 
+_BATCH = 256
 _MOST_DRAWS = 1_000_000
 
 
@@ -79,9 +80,12 @@ def train(
     enough = trials_in_a_row(chosen.coverage, chosen.confidence)
     centres, radii = np.empty((0, DIMENSIONS)), np.empty(0)
     in_a_row, outside = 0, 0
-    for drawn in range(1, _MOST_DRAWS + 1):
-        candidate = rng.random((1, DIMENSIONS)) * far
-        room = float(tree.query(candidate[0])[0]) - chosen.self_radius
+    candidates, rooms = np.empty((0, DIMENSIONS)), np.empty(0)
+    for drawn in range(_MOST_DRAWS):
+        if drawn % _BATCH == 0:
+            candidates = rng.random((_BATCH, DIMENSIONS)) * far
+            rooms = np.asarray(tree.query(candidates)[0]) - chosen.self_radius
+        candidate, room = candidates[drawn % _BATCH], rooms[drawn % _BATCH]
         if room <= 0.0:
             if drawn >= 100_000 and not outside:
                 break
@@ -93,7 +97,7 @@ def train(
                 break
             continue
         in_a_row = 0
-        centres = np.concatenate([centres, candidate])
+        centres = np.concatenate([centres, candidate[None, :]])
         radii = np.append(radii, room)
         if len(radii) >= chosen.detectors:
             break
