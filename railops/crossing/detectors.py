@@ -146,7 +146,8 @@ def extent(units: Units) -> Array:
 
 def distances(a: Array, b: Array) -> Array:
     """Euclidean distances between two sets of points, (N, 8) and (M, 8) to (N, M)."""
-    return np.sqrt(np.maximum(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2), 0.0))
+    apart: Array = np.sqrt(((a[:, None, :] - b[None, :, :]) ** 2).sum(axis=2))
+    return apart
 
 
 def _leaves(centres: Array, numbers: Indices) -> list[Indices]:

@@ -57,5 +57,7 @@ def draw(
         axes.set_ylim(SPACE[j].low, SPACE[j].high)
         axes.set_xlabel(f"{SPACE[i].label}, {SPACE[i].unit}")
         axes.set_ylabel(f"{SPACE[j].label}, {SPACE[j].unit}")
-        axes.legend(loc="upper right", title=f"blue: {len(detectors)} detectors")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    title = f"circles: {len(detectors)} detectors"
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, title=title)
     figure.savefig(path, dpi=90)

@@ -186,7 +186,7 @@ def can_stop(situation: Situation, train: Train | None = None) -> StopCheck:
     Example:
         >>> check = can_stop(Situation(80.0, 40.0, 0.0, 0.0, 1000.0, 500.0, 20.0, 50.0))
         >>> check.possible, round(check.stopping_m)
-        (True, 495)
+        (True, 478)
     """
     base = train or Train(0.0)
     here = replace(

@@ -6,6 +6,7 @@ exchange are numbered in the comments.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -177,7 +178,7 @@ class TrainUnit:
         self._policy, self._now = policy, clock
         self._station: str | None = None
         self._graph = False
-        self._state_sent_s = -1.0
+        self._state_sent_s = -math.inf
         self._busy = False
         self.brake_reason: str | None = None
         bus.join(unit_id, self.receive)
@@ -216,8 +217,6 @@ class TrainUnit:
             and age > self._policy.current_s
             and distance_m - stopping_m <= self._policy.margin_m
         ):
-            known = (
-                "no state" if self._state_sent_s < 0.0 else f"the newest state is {age:.1f} s old"
-            )
+            known = "no state" if math.isinf(age) else f"the newest state is {age:.1f} s old"
             self.brake_reason = f"doubt: {known}"
         return self.brake_reason is not None

@@ -87,7 +87,7 @@ def train(
             rooms = np.asarray(tree.query(candidates)[0]) - chosen.self_radius
         candidate, room = candidates[drawn % _BATCH], rooms[drawn % _BATCH]
         if room <= 0.0:
-            if drawn >= 100_000 and not outside:
+            if drawn >= 10_000 and not outside:
                 break
             continue
         outside += 1

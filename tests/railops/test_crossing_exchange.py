@@ -204,11 +204,11 @@ def test_causes_name_the_link_that_failed() -> None:
 
 
 def test_every_avoidable_collision_is_reported() -> None:
-    found = audit(12, 40, WORST, AS_PUBLISHED)
+    found = audit(8, 40, WORST, AS_PUBLISHED)
     assert found.unreported == 0
     assert len(found.unsafe) == found.collisions
     assert all(entry.cause for entry in found.unsafe)
-    assert audit(12, 40, WORST, CAUTIOUS).avoidable == 0
+    assert audit(4, 40, WORST, CAUTIOUS).avoidable == 0
 
 
 def test_a_drive_is_kept(tmp_path: Path) -> None:
