@@ -38,7 +38,7 @@ class Settings:
 
     self_radius: float = 0.2
     detectors: int = 1000
-    coverage: float = 0.99
+    coverage: float = 0.997
     confidence: float = 0.95
     units: Units = "scaled"
 
@@ -57,7 +57,7 @@ def train(
     Args:
         safe: The safe situations ("self"), in their own units, shape (N, 8), N >= 1.
         seed: Seed of the random numbers, kept in the result.
-        settings: When to stop; by default at 99 % coverage or 1000 detectors.
+        settings: When to stop; by default at 99.7 % coverage or 1000 detectors.
 
     Raises:
         DomainError: if there is no safe situation, one leaves the space, or the safe balls leave
