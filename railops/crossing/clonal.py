@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from railops.crossing.problem import Array, Problem, Reaction, reaction_of
+from railops.crossing.problem import Problem, Reaction, reaction_of
+from railops.crossing.situation import Array
 from railops.errors import check_range
 
 
@@ -68,12 +70,12 @@ def hypermutate(
     return problem.clip(np.where(chosen, mutated, parents))
 
 
-def suppress(population: Array, value: Array, distance_kmh: float) -> Array:
+def suppress(population: Array, value: Array, distance_kmh: float) -> npt.NDArray[np.int64]:
     """Indices of the antibodies that stay: none is within ``distance_kmh`` of a better one."""
     apart = np.abs(population[:, None, :] - population[None, :, :]).max(axis=2)
     rank = np.argsort(np.argsort(value, kind="stable"))
     beaten = (apart < distance_kmh) & (rank[None, :] < rank[:, None])
-    return np.flatnonzero(~beaten.any(axis=1))
+    return np.flatnonzero(~beaten.any(axis=1)).astype(np.int64)
 
 
 def solve(problem: Problem, seed: int, settings: Settings | None = None) -> Reaction:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from railops.crossing._extras import extra
-from railops.crossing.problem import TRAIN_CHANGE_WEIGHT, Array, Problem, Reaction, reaction_of
+from railops.crossing.problem import TRAIN_CHANGE_WEIGHT, Problem, Reaction, reaction_of
+from railops.crossing.situation import Array
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ def nsga2(problem: Problem, seed: int, population: int = 100, generations: int =
     algorithm = extra("pymoo.algorithms.moo.nsga2", purpose)
     optimise = extra("pymoo.optimize", purpose)
 
-    class Both(base.Problem):  # type: ignore[misc]  # pymoo ships no types
+    class Both(base.Problem):  # type: ignore[misc, name-defined]  # pymoo ships no types
         """Both parts, evaluated for a whole population at once."""
 
         def __init__(self) -> None:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from railops.crossing.problem import Array, Problem, Reaction, reaction_of
+from railops.crossing.problem import Problem, Reaction, reaction_of
+from railops.crossing.situation import Array
 from railops.errors import check_range
 
 

@@ -143,7 +143,16 @@ def compare(
         ]
         rows.append(
             Comparison(
-                criterion, rival, mean, rival_mean, percent, *deviations, float(low), float(high), p
+                criterion,
+                rival,
+                mean,
+                rival_mean,
+                percent,
+                deviations[0],
+                deviations[1],
+                float(low),
+                float(high),
+                p,
             )
         )
     return rows
