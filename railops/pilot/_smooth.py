@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from railops.pilot._extras import extra
+from railops._extras import extra
 from railops.pilot.route import Ramp
 
 ROUNDING_M = 4.0
@@ -45,7 +45,7 @@ class SmoothRamp:
 
     def integral(self, position: Any) -> Any:
         """∫ f from the interval's low end to a CasADi expression of positions."""
-        ca = extra("casadi", "planning")
+        ca = extra("pilot", "casadi", "planning")
         p, soft = position - self._origin, self._rounding
 
         def area(x: Any) -> Any:
@@ -57,4 +57,4 @@ class SmoothRamp:
         return result
 
     def _soft_abs(self, x: Any) -> Any:
-        return extra("casadi", "planning").sqrt(x * x + self._rounding**2)
+        return extra("pilot", "casadi", "planning").sqrt(x * x + self._rounding**2)

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railops.errors import DomainError, check_range
-from railops.pilot._extras import extra
+from railops._extras import extra
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.leg import Leg
 from railops.pilot.lobatto import Lobatto, evaluate, lobatto
@@ -134,7 +134,7 @@ class Transcription:
                 exceeded: the answer to "how much too small is U?".
         """
         self.leg, self.mesh, self._elastic = leg, mesh, elastic
-        self._casadi = extra("casadi", "planning a reference trajectory")
+        self._casadi = extra("pilot", "casadi", "planning a reference trajectory")
         self._build()
 
     def _build(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from railops.pilot._extras import extra
+from railops._extras import extra
 from railops.pilot.plan import LegPlan
 from railops.pilot.tracking import Track
 from railops.pilot.trip import TripPlan
@@ -20,7 +20,7 @@ _BLUE, _RED, _GREY = "#1f4e9c", "#c0392b", "#888888"
 
 def _canvas(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     """A figure with its axes that never touches a display or global state."""
-    figure = extra("matplotlib.figure", "drawing").Figure(figsize=size, layout="constrained")
+    figure = extra("pilot", "matplotlib.figure", "drawing").Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.grid(True, linewidth=0.3, color="#cccccc")

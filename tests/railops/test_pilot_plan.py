@@ -21,7 +21,7 @@ from railops.pilot import (
     plan_leg,
     plan_trip,
 )
-from railops.pilot import _extras as extras
+from railops import _extras as extras
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.lobatto import evaluate, lobatto
 from railops.pilot.profiles import random_route

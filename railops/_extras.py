@@ -1,4 +1,4 @@
-"""The one door to the optional dependencies of the ``pilot`` extra."""
+"""The one door to optional dependencies."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from typing import Any
 from railops.errors import MissingExtraError
 
 
-def extra(module: str, purpose: str) -> Any:
-    """Import a module of the ``pilot`` extra when it is first needed.
+def extra(name: str, module: str, purpose: str) -> Any:
+    """Import a module of the extra ``name`` when it is first needed.
+
+    Args:
+        name: The extra that brings it, as in ``pip install 'railinspect[name]'``.
+        module: The module to import.
+        purpose: What needs it; the message begins with it.
 
     Raises:
         MissingExtraError: if it is not installed.
@@ -20,5 +25,5 @@ def extra(module: str, purpose: str) -> Any:
         package = module.partition(".")[0]
         raise MissingExtraError(
             f"{purpose} needs {package}, which is not installed: "
-            f"pip install 'railinspect[pilot]' brings it"
+            f"pip install 'railinspect[{name}]' brings it"
         ) from error
