@@ -195,15 +195,19 @@ def _feet(
     tolerance = np.maximum(3.0 * scale, 0.06 * np.abs(feet[1:, 1] - track.camera.horizon_v()))
     cut = np.flatnonzero((np.diff(feet[:, 0]) > 2.0 * scale + 1) | (step > tolerance)) + 1
     parts = np.split(np.arange(len(feet)), cut)
+    bases = [_base(track, limits, feet, part, parts) for part in parts]
     found: list[Finding] = []
     for number, part in enumerate(parts):
         inside = part[np.abs(lateral[part]) <= clearance]
-        others = [other for i, other in enumerate(parts) if i != number]
-        if len(inside) == 0 or _hangs(track, limits, feet, part, others):
+        if len(inside) == 0 or bases[number] is not None:
             continue
+        # What hangs over beside the foot belongs to the body: an animal on its legs.
+        body = [part] + [other for i, other in enumerate(parts) if bases[i] is part]
+        columns = feet[np.concatenate(body), 0]
         finding = _judge(
             segmentation, track, limits, code, clearance, scale, region,
             feet[part], feet[inside], chainage[inside], lateral[inside],
+            (int(columns.min()), int(columns.max())) if len(body) > 1 else None,
         )
         if finding is not None:
             found.append(finding)
@@ -244,30 +248,33 @@ def _union(one: Finding, two: Finding) -> Finding:
     )
 
 
-def _hangs(
-    track: TrackGeometry, limits: Thresholds, feet: Array, part: Indices, others: list[Indices]
-) -> bool:
-    """Whether a foot line is rather an overhanging part of something standing nearer."""
+def _base(
+    track: TrackGeometry, limits: Thresholds, feet: Array, part: Indices, parts: list[Indices]
+) -> Indices | None:
+    """The foot line a foot line hangs over, as an overhanging part of something nearer."""
     path = track.path
     assert path is not None
     bottom = float(feet[part, 1].max())
-    for other in others:
+    best: tuple[float, Indices] | None = None
+    for other in parts:
         near = other[np.argmin(np.abs(feet[other, 0] - feet[part, 0].mean()))]
         base = float(feet[near, 1])
-        if base <= bottom:
+        if other is part or base <= bottom:
             continue
-        rows = path.uv[::-1, 1]  # ascending
-        metre = float(np.interp(base, rows, path.metre_px[::-1]))
-        aside = np.abs(feet[near, 0] - feet[part, 0]).min() / metre
+        metre = float(np.interp(base, path.uv[::-1, 1], path.metre_px[::-1]))
+        if np.ptp(feet[part, 0]) > limits.overhang_width_m * metre:
+            continue  # too wide for an arm
+        aside = float(np.abs(feet[near, 0] - feet[part, 0]).min()) / metre
         if (base - bottom) / metre < limits.overhang_m and aside < limits.overhang_m:
-            return True
-    return False
+            if best is None or base > best[0]:
+                best = (base, other)
+    return None if best is None else best[1]
 
 
 def _judge(
     segmentation: SegmentationLike, track: TrackGeometry, limits: Thresholds, code: int,
     clearance: float, scale: float, region: Bools, foot_line: Array, inside: Array,
-    chainage: Array, lateral: Array,
+    chainage: Array, lateral: Array, columns_uv: tuple[int, int] | None,
 ) -> Finding | None:
     """Accept or reject one foot line."""
     path = track.path
@@ -287,10 +294,12 @@ def _judge(
     if share < limits.inside_share and width_m < limits.wide_m:
         return None
     inner = float(np.abs(lateral).min())
-    if inner > limits.core_m and float(np.ptp(chainage)) > 3.0 * width_m:
+    along = float(np.ptp(chainage))
+    if code == 1 and inner > limits.core_m and along > max(limits.along_m, 3.0 * width_m):
         return None  # runs along the track: a platform's edge, a wall, a cable trough
-    # The body above the foot: the region's pixels in the foot's columns, up to the region's top.
-    first, last = int(inside[:, 0].min()), int(inside[:, 0].max())
+    # The body above the foot: the region's pixels in its columns, up to the region's top.
+    first, last = columns_uv or (int(inside[:, 0].min()), int(inside[:, 0].max()))
+    width_m = max(width_m, (last - first + 1) * pixel_m)
     base = int(inside[:, 1].max())
     columns = region[: base + 1, first : last + 1]
     rows = np.flatnonzero(columns.any(axis=1))
@@ -310,6 +319,8 @@ def _judge(
     classes = segmentation.labels[top : base + 1, first : last + 1][body]
     name = CLASSES[int(np.bincount(classes[classes < len(CLASSES)], minlength=1).argmax())]
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
+    if sure < limits.least_confidence:
+        return None
     size = min(1.0, area / (6.0 * limits.least_area_px * scale**2))
     known = 1.0 if track.followed and range_m <= (track.reach_m or 0.0) * 1.05 else 0.8
     middle = float(lateral.mean())
@@ -345,9 +356,14 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
     smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
+    # Doubtful samples may take part here: another track's rail moves one of ours, or both to one
+    # side, but never both to and fro.
+    everything = profile.residual_m * metre[:, None]
+    if (ripple := _ripple(everything, limit, limits)) is not None:
+        return [_distortion(track, [ripple], ["both rails"], limit, everything)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    together &= np.abs(smooth).min(axis=1) >= 0.35 * np.abs(smooth).max(axis=1)
+    together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
     lobes = _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
@@ -362,6 +378,28 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     if not lobes:
         return []
     return [_distortion(track, lobes, kind, limit, smooth)]
+
+
+def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int, int] | None:
+    """First and last row and peak of a stretch where both rails swing together.
+
+    The mean product of the two rails' residuals is the square of what they share; what the
+    segmentation adds to each by itself averages out. It sees waves too short for a running mean.
+    """
+    length = limits.ripple_rows
+    product = residual[:, 0] * residual[:, 1]
+    shared = _running_mean(product, length)
+    high = np.sqrt(np.maximum(np.nan_to_num(shared), 0.0)) >= limits.ripple_share * limit
+    # A wave turns: within the window both rails must go to both sides.
+    half = length // 2
+    rows = np.flatnonzero(high[half : len(high) - half - 4]) + half
+    for row in rows:
+        part = residual[row - half : row + half + 1]
+        if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
+            inside = rows[(rows >= row) & (rows <= row + 6 * length)]
+            peak = int(row - half + np.argmax(np.abs(part.mean(axis=1))))
+            return int(row - half), int(inside.max() + half), peak
+    return None
 
 
 def _continuous(residual_px: Array, lobe: tuple[int, int, int], step_px: float) -> bool:

@@ -27,7 +27,8 @@ class Thresholds:
         clearance_m: Half-width of the clearance envelope for things, metres from the centre line.
             Platform edges lie at about 1.65–1.75 m.
         core_m: What stays farther out than this and runs along the track is a structure beside
-            it, metres.
+            it, metres,
+        along_m: if it does so for at least this long, metres.
         foot_m: Height of the ground things stand on, metres above the rail tops.
         person_clearance_m: The same for people. A person on a platform appears farther out than
             they stand, because the platform is higher than the plane of the rails.
@@ -38,11 +39,13 @@ class Thresholds:
         least_height_m: Least height, metres.
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
+        least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
         least_foot_px: Least width of the foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
         overhang_m: What meets the ground's image less than this above the foot of something it
-            hangs together with is a part of that (an arm, a signal's head), metres.
+            hangs together with is a part of that (an arm, a signal's head), metres,
+        overhang_width_m: unless it is wider than this, metres.
         inside_share: Least share of the foot line that lies inside the envelope, unless it is
             ``wide_m`` wide inside it.
         wide_m: Metres inside the envelope that count whatever lies outside.
@@ -53,6 +56,8 @@ class Thresholds:
         bend_length_m: Least length of a deviation along the track, metres.
         bend_one_rail: Factor on the deviation where only one rail shows it.
         bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels.
+        ripple_rows: Rows over which the rails' common swing is averaged.
+        ripple_share: Root mean square of that swing as a share of the least deviation.
         gap_m: Least length of a hole in both rails that counts as an interruption, metres.
         gap_px: Least height of such a hole, pixels.
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
@@ -61,7 +66,8 @@ class Thresholds:
     """
 
     clearance_m: float = 1.7
-    core_m: float = 1.15
+    core_m: float = 0.85
+    along_m: float = 4.0
     foot_m: float = -0.15
     person_clearance_m: float = 2.0
     reach_share: float = 1.03
@@ -79,10 +85,12 @@ class Thresholds:
     least_height_m: float = 0.25
     person_height_m: float = 0.60
     least_area_px: float = 14.0
+    least_confidence: float = 0.40
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5
     overhang_m: float = 3.0
+    overhang_width_m: float = 1.2
     inside_share: float = 0.5
     wide_m: float = 0.8
     bend_px: float = 1.5
@@ -92,6 +100,8 @@ class Thresholds:
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
     bend_step_px: float = 1.2
+    ripple_rows: int = 7
+    ripple_share: float = 0.8
     gap_m: float = 1.0
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0

@@ -26,6 +26,10 @@ ROOMS: Mapping[str, tuple[str, str]] = {
         "railops.braking.commands",
         "bounds on errors, stopping distances, and when to brake",
     ),
+    "headway": (
+        "railops.headway.commands",
+        "shortest departure intervals of metro sections, and which run time to order",
+    ),
 }
 
 

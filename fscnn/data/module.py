@@ -33,6 +33,7 @@ class DataConfig:
         val_limit: Pairs used of each validation folder; 0 uses all.
         crop_wh: Size of a training sample, pixels; both divisible by 16.
         zoom: Least and largest magnification of a training sample.
+        aspect: Largest stretch of a training sample, sideways against upwards.
         rail_share: Fraction of training samples that must show a rail.
         strength: Strength of the photometric transforms, 0 … 1.
         batch_size: Samples per step.
@@ -46,6 +47,7 @@ class DataConfig:
     val_limit: int = 0
     crop_wh: list[int] = field(default_factory=lambda: [480, 272])
     zoom: list[float] = field(default_factory=lambda: [0.75, 1.6])
+    aspect: float = 1.15
     rail_share: float = 0.8
     strength: float = 1.0
     batch_size: int = 8
@@ -97,6 +99,7 @@ class RailData(lightning.LightningDataModule):
             (config.zoom[0], config.zoom[1]),
             config.rail_share,
             config.strength,
+            config.aspect,
         )
         dataset = SegmentationDataset(self._train, len(self._train), transform, self.seed)
         sampler = DrawSampler(len(dataset), self.seed)

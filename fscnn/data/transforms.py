@@ -89,6 +89,7 @@ def training_transform(
     zoom: tuple[float, float] = (0.75, 1.6),
     rail_share: float = 0.8,
     strength: float = 1.0,
+    aspect: float = 1.15,
 ) -> albumentations.Compose:
     """Crop, mirror, recolour, blur and compress.
 
@@ -97,12 +98,13 @@ def training_transform(
         zoom: See :class:`RailCrop`.
         rail_share: See :class:`RailCrop`.
         strength: 0 leaves colours and sharpness alone, 1 is the recipe of the shipped bundle.
+        aspect: See :class:`RailCrop`.
     """
     a = albumentations
     s = strength
     return a.Compose(
         [
-            RailCrop(size_wh, zoom, rail_share=rail_share),
+            RailCrop(size_wh, zoom, aspect, rail_share),
             a.HorizontalFlip(p=0.5),
             a.Affine(rotate=(-3, 3), p=0.15 * s, fill=0, fill_mask=VOID),
             a.OneOf(

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import logging
 import math
 import shutil
+import warnings
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -32,6 +36,28 @@ def data_fingerprint(config: DataConfig) -> str:
     return digest.hexdigest()
 
 
+_NOISE = (
+    r"Checkpoint directory .* exists and is not empty",  # it holds the resolved configuration
+    r".*does not have many workers",  # data.workers says how many
+    r"The number of training batches .* is smaller than the logging interval",
+    r".*LeafSpec.* is deprecated",  # Lightning's own call of torch
+)
+
+
+@contextlib.contextmanager
+def _only_what_matters() -> Iterator[None]:
+    """Keep from the user what Lightning says about choices made here on purpose."""
+    log = logging.getLogger("lightning.pytorch")
+    level = log.level
+    log.setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        for message in _NOISE:
+            warnings.filterwarnings("ignore", message)
+        yield
+    log.setLevel(level)
+
+
+@_only_what_matters()
 def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     """Train, and leave ``best.ckpt``, ``last.ckpt`` and ``config.yaml`` in the run's folder.
 
@@ -113,7 +139,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     trainer.fit(module, data, ckpt_path=resume, weights_only=True)
     metrics = {k: float(v) for k, v in trainer.validate(module, data, verbose=False)[0].items()}
     # The run may end between two validations, and its last weights are often the best.
-    trainer.save_checkpoint(out / "last.ckpt")
+    trainer.save_checkpoint(out / "last.ckpt", weights_only=False)
     best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
     if math.isnan(best) or metrics["val/rail_iou"] >= best:
         shutil.copyfile(out / "last.ckpt", out / "best.ckpt")

@@ -123,10 +123,13 @@ def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
     only what is wider than its own slant explains is doubtful.
     """
     uv = np.where(seen[:, :, None], centres.uv, np.nan)
-    drop = np.full((len(uv), 2, 2), np.nan)
-    drop[2:-2] = uv[4:] - uv[:-4]
-    drop = np.where(np.isfinite(drop), drop, np.array([0.0, 1.0]))
-    slant = np.hypot(drop[:, :, 0], drop[:, :, 1]) / (np.abs(drop[:, :, 1]) + 0.1)
+    slant = np.ones((len(uv), 2))
+    for reach in (1, 2):  # a short wave's slant shows over one row, a jagged mask's over two
+        drop = np.full((len(uv), 2, 2), np.nan)
+        drop[reach:-reach] = uv[2 * reach :] - uv[: -2 * reach]
+        drop = np.where(np.isfinite(drop), drop, np.array([0.0, 1.0]))
+        steep = np.hypot(drop[:, :, 0], drop[:, :, 1]) / (np.abs(drop[:, :, 1]) + 0.1)
+        slant = np.maximum(slant, steep)
     expected = np.maximum(2.5 * scale, 0.11 * centres.metre_px)[:, None] * np.minimum(slant, 12.0)
     bad = (centres.other > 0.45) | (centres.width_px > 2.0 * expected + 1.5 * scale)
     wide = bad.copy()

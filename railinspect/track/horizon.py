@@ -70,7 +70,7 @@ def prior_horizon(camera: Camera, calibrated: bool) -> Horizon:
 
     A calibrated camera's pitch is trusted to its own standard deviation and 0.7° of vehicle
     motion. For an uncalibrated one the horizon lies near the middle of the image and the height
-    between 1.2 m and 5 m (two standard deviations).
+    between 1.4 m and 4.1 m (two standard deviations).
     """
     cos_pitch = math.cos(camera.pitch_rad)
     growth = camera.rail_spacing_m * cos_pitch / camera.height_m
@@ -80,7 +80,7 @@ def prior_horizon(camera: Camera, calibrated: bool) -> Horizon:
         growth_std = math.hypot(spread, 0.02) * growth
         row = -camera.focal_px * math.tan(camera.pitch_rad)
     else:
-        row_std, growth_std = 0.16 * camera.size_wh[1], 0.4 * growth
+        row_std, growth_std = 0.16 * camera.size_wh[1], 0.27 * growth
         row = -0.05 * camera.size_wh[1]
     return Horizon(row, growth, np.diag([row_std**2, growth_std**2]))
 

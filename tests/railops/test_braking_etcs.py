@@ -38,7 +38,8 @@ def test_curves_worked_by_hand_on_level_track():
 
 
 def test_speed_inaccuracy_and_traction_by_hand():
-    # V_bec = 20·1.05 + 0.5·1 = 21.5; D_bec = (21 + 0.25)·1 + 21.5·1; EBD(21.5) = 231.125 m.
+    # V_bec = 20·1.05 + 0.5·1 + 0.4·1 = 21.9; EBD(21.9) = 239.805 m before the target;
+    # D_bec = (21 + 0.25)·1 + (21.5 + 0.2)·1 = 42.95 m.
     data = BrakingData(
         ((0.0, 1.0),),
         ((0.0, 1.0),),
@@ -46,11 +47,11 @@ def test_speed_inaccuracy_and_traction_by_hand():
         0.0,
         A_est1=0.5,
         T_traction=1.0,
-        A_est2=0.0,
+        A_est2=0.4,
         V_inaccuracy=0.05,
     )
     limits = curves(data, 1000.0, 20.0).at(20.0)
-    assert limits["ebi"] == pytest.approx(1000.0 - 231.125 - 42.75)
+    assert limits["ebi"] == pytest.approx(1000.0 - 239.805 - 42.95)
 
 
 def test_default_speed_inaccuracy_is_that_of_subset_041():

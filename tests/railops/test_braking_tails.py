@@ -15,6 +15,7 @@ from railops.braking.protection import (
     product_as_printed,
 )
 from railops.braking.tails import (
+    PearsonI,
     chi_square,
     peaks_over_threshold,
     pearson_likelihood,
@@ -63,6 +64,15 @@ def test_a_gaussian_passes_chi_square_and_the_tail_is_still_wrong():
     beside = peaks_over_threshold(sample)
     low, high = beside.interval(1e-9)
     assert low < stats.norm.isf(1e-9) < high
+
+
+def test_chi_square_by_hand():
+    # 32 values make int(2·32^0.4) = 8 bins of 4 expected; 8, 0 and six times 4 give 16/4 + 16/4
+    # = 8 on 8 − 1 − 4 degrees of freedom.
+    uniform = PearsonI(1.0, 1.0, 0.0, 1.0, "moments", np.nan)
+    counts = [8, 0, 4, 4, 4, 4, 4, 4]
+    sample = np.repeat((np.arange(8) + 0.5) / 8, counts)
+    assert chi_square(sample, uniform, 4) == pytest.approx(stats.chi2.sf(8.0, 3))
 
 
 def test_chi_square_rejects_a_wrong_law():

@@ -17,12 +17,12 @@ from fscnn.training.module import SegmentationModule
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
 
-TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16}"
+TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, dropout: 0}"
 
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
     if not (folder / "set").exists():
-        write_set(folder / "set", 8)
+        write_set(folder / "set", 8, rail_px=12)
     return load(
         None,
         [
@@ -46,7 +46,10 @@ def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
 def overfitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, float]]:
     folder = tmp_path_factory.mktemp("overfit")
     config = tiny_run(
-        folder, "schedule.max_steps=300", "run.validate_every=150", "optimiser.rate=0.01",
+        folder,
+        "schedule.max_steps=220",
+        "run.validate_every=110",
+        "optimiser.rate=0.01",
         "optimiser.average=0.9",
     )
     return folder, fit(config)
@@ -62,9 +65,9 @@ def test_leaves_best_last_and_the_resolved_configuration(
 ) -> None:
     folder, _ = overfitted
     assert {"best.ckpt", "last.ckpt", "config.yaml"} <= {p.name for p in (folder / "run").iterdir()}
-    assert load(folder / "run" / "config.yaml").schedule.max_steps == 300
+    assert load(folder / "run" / "config.yaml").schedule.max_steps == 220
     trained = checkpoint.load(folder / "run" / "last.ckpt")
-    assert trained.steps == 300
+    assert trained.steps == 220
     assert trained.name == "fscnn_s"
     assert len(trained.fingerprint) == 64
     assert not trained.network.training
