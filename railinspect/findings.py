@@ -347,20 +347,24 @@ def _judge(
 
 def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     """Stretches where the rails leave the smooth track together, or one does by more."""
-    profile = track.profile
+    profile, path = track.profile, track.path
     assert profile is not None
+    assert path is not None
     scale = track.camera.size_wh[0] / 640.0
     metre = profile.metre_px
-    residual = profile.residual_m * metre[:, None]
+    rows = len(metre)
+    apart = 2.0 * path.half_m[:rows] * path.across_px[:rows]
+    told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
+    residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
+    everything = residual
     residual = np.where(profile.doubtful, np.nan, residual)
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
     smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
     # Doubtful samples may take part here: another track's rail moves one of ours, or both to one
     # side, but never both to and fro.
-    everything = profile.residual_m * metre[:, None]
     if (ripple := _ripple(everything, limit, limits)) is not None:
-        return [_distortion(track, [ripple], ["both rails"], limit, everything)]
+        return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
     together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
@@ -377,7 +381,7 @@ def _distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
         kind += [name] * len(extra)
     if not lobes:
         return []
-    return [_distortion(track, lobes, kind, limit, smooth)]
+    return [_distortion(track, lobes, kind, limit, smooth, limits)]
 
 
 def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int, int] | None:
@@ -451,12 +455,21 @@ def _distortion(
     kind: list[str],
     limit: Array,
     smooth: Array,
+    limits: Thresholds,
 ) -> Finding:
-    """One finding for all lobes of the frame: a ripple has several."""
+    """One finding for the strongest lobe and those beside it: a ripple has several."""
     profile = track.profile
     assert profile is not None
-    first = min(lobe[0] for lobe in lobes)
-    last = max(lobe[1] for lobe in lobes)
+    excess_of = [float(np.nanmax(np.abs(smooth[lobe[2]])) / limit[lobe[2]]) for lobe in lobes]
+    first, last, _ = lobes[int(np.argmax(excess_of))]
+    for _ in lobes:  # grow over neighbours until none is near
+        for start, end, _ in lobes:
+            near, far = profile.chainage_m[[first, last]]
+            reach = max(limits.bend_join_m, 0.1 * float(near))
+            if profile.chainage_m[start] <= far + reach and profile.chainage_m[end] >= near - reach:
+                first, last = min(first, start), max(last, end)
+    chosen = [i for i, lobe in enumerate(lobes) if first <= lobe[2] <= last]
+    lobes, kind = [lobes[i] for i in chosen], [kind[i] for i in chosen]
     uv = profile.uv[first : last + 1]
     polygon = np.concatenate([uv[:, 0], uv[::-1, 1]])
     heights = [float(np.nanmax(np.abs(smooth[peak]))) for _, _, peak in lobes]

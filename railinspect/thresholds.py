@@ -55,6 +55,8 @@ class Thresholds:
         bend_rows: Least number of sampled rows of a deviation.
         bend_length_m: Least length of a deviation along the track, metres.
         bend_one_rail: Factor on the deviation where only one rail shows it.
+        bend_spacing_px: Rails are judged only where they are this far apart across the track.
+        bend_join_m: Deviations closer than this along the track are one distortion, metres.
         bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels.
         ripple_rows: Rows over which the rails' common swing is averaged.
         ripple_share: Root mean square of that swing as a share of the least deviation.
@@ -99,6 +101,8 @@ class Thresholds:
     bend_rows: int = 3
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
+    bend_spacing_px: float = 6.0
+    bend_join_m: float = 5.0
     bend_step_px: float = 1.2
     ripple_rows: int = 7
     ripple_share: float = 0.8

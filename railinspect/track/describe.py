@@ -67,7 +67,12 @@ class Description:
 
 
 def describe(
-    level: Level, growth: Growth, centres: Centres, s_first_px: float, settings: FollowerSettings
+    level: Level,
+    growth: Growth,
+    centres: Centres,
+    s_first_px: float,
+    settings: FollowerSettings,
+    calibrated: bool,
 ) -> Description | None:
     """Fit the smooth track to the measured centres and put everything in the world frame.
 
@@ -77,6 +82,7 @@ def describe(
         centres: Rail centres along them.
         s_first_px: Rows below the horizon of the image's bottom.
         settings: Tuning.
+        calibrated: Whether the focal length is known.
 
     Returns:
         The description, or None where too few centres were seen to fit a track.
@@ -86,7 +92,7 @@ def describe(
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
     doubtful = _doubtful(centres, seen, scale)
-    smooth, residual = _smooth(level, centres, seen, doubtful, scale)
+    smooth, residual = _smooth(level, centres, seen, doubtful, scale, settings.stiffness(calibrated))
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
     under = np.zeros(1)
@@ -149,7 +155,8 @@ def _contrast(growth: Growth, centres: Centres) -> float:
 
 
 def _smooth(
-    level: Level, centres: Centres, seen: Bools, doubtful: Bools, scale: float
+    level: Level, centres: Centres, seen: Bools, doubtful: Bools, scale: float,
+    stiffness: tuple[float, float],
 ) -> tuple[SmoothTrack, Array]:
     """The smooth track through the seen centres, and each rail's residual across it, metres."""
     x, y, heading, half = centres.path.T
@@ -163,7 +170,7 @@ def _smooth(
     fitted = seen.copy()
     if len(seen) > _FIT_ROWS:  # every other row: neighbours say nearly the same
         fitted[1::2] = False
-    smooth = fit_smooth(rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start)
+    smooth = fit_smooth(rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness)
     flat = rail_x.ravel()
     slope = smooth.slope(flat)
     lean = np.sqrt(1.0 + slope**2)

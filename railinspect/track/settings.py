@@ -43,6 +43,11 @@ class FollowerSettings:
         followed_reach_m: reaches at least this far,
         followed_contrast: and has rails whose probability exceeds that of the ground between
             them by at least this.
+        curvature_std: Standard deviation of a track's curvature, 1/m.
+        curvature_rate: Standard deviation of its change per metre, over 10 m, 1/m²: the sharpest
+            transitions of a 200 m curve reach it, a ripple exceeds it many times.
+        unknown_focal: With an unknown focal length distances along the track may be wrong by
+            this factor, curvatures by its square and their change by its cube.
         fine_reach_m: Half-width of the search for each rail's centre around the grown path.
     """
 
@@ -72,4 +77,12 @@ class FollowerSettings:
     followed_cover: float = 0.60
     followed_reach_m: float = 15.0
     followed_contrast: float = 0.25
+    curvature_std: float = 1 / 150
+    curvature_rate: float = 1.2e-4
+    unknown_focal: float = 1.4
     fine_reach_m: float = 0.35
+
+    def stiffness(self, calibrated: bool) -> tuple[float, float]:
+        """Standard deviations of the smooth track's curvature (1/m) and its change (1/m²)."""
+        factor = 1.0 if calibrated else self.unknown_focal
+        return self.curvature_std * factor**2, self.curvature_rate * factor**3

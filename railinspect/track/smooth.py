@@ -141,8 +141,7 @@ def fit_smooth(
         sigma_m: Standard deviation of each lateral position, metres, shape (N,).
         half_m: Expected half spacing, metres.
         curvature: Standard deviation of y'', 1/m.
-        rate: Standard deviation of the change of y'' per metre over 10 m, 1/m²; the sharpest
-            transitions of a 200 m curve reach it, a ripple exceeds it many times.
+        rate: Standard deviation of the change of y'' per metre over 10 m, 1/m².
         correlated: Neighbouring rows see the same blobs: so many count as one against the priors.
         trend: Standard deviation of the half spacing's relative change from knot to knot.
     """
