@@ -143,7 +143,9 @@ def _to_onnx(deployed: Deployed, size_wh: tuple[int, int]) -> onnx.ModelProto:
     # Two images: a batch of one would be taken for a constant.
     example = torch.zeros(2, height, width, 3, dtype=torch.uint8)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the exporter's own deprecations; nothing a user can act on
+        warnings.simplefilter(
+            "ignore"
+        )  # the exporter's own deprecations; nothing a user can act on
         program = torch.onnx.export(
             deployed,
             (example,),

@@ -163,8 +163,16 @@ def _things(
             part = near & (component == number)
             region = components == number
             found += _feet(
-                segmentation, track, limits, code, clearance, scale, region,
-                feet[part], chainage[part], lateral[part],
+                segmentation,
+                track,
+                limits,
+                code,
+                clearance,
+                scale,
+                region,
+                feet[part],
+                chainage[part],
+                lateral[part],
             )
     return found
 
@@ -182,8 +190,16 @@ def place_on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, Array
 
 
 def _feet(
-    segmentation: SegmentationLike, track: TrackGeometry, limits: Thresholds, code: int,
-    clearance: float, scale: float, region: Bools, feet: Array, chainage: Array, lateral: Array,
+    segmentation: SegmentationLike,
+    track: TrackGeometry,
+    limits: Thresholds,
+    code: int,
+    clearance: float,
+    scale: float,
+    region: Bools,
+    feet: Array,
+    chainage: Array,
+    lateral: Array,
 ) -> list[Finding]:
     """Split a region's contact with the ground into foot lines and judge each."""
     # The lowest contact of each column is the foot; one above it is a hole's upper edge.
@@ -205,8 +221,17 @@ def _feet(
         body = [part] + [other for i, other in enumerate(parts) if bases[i] is part]
         columns = feet[np.concatenate(body), 0]
         finding = _judge(
-            segmentation, track, limits, code, clearance, scale, region,
-            feet[part], feet[inside], chainage[inside], lateral[inside],
+            segmentation,
+            track,
+            limits,
+            code,
+            clearance,
+            scale,
+            region,
+            feet[part],
+            feet[inside],
+            chainage[inside],
+            lateral[inside],
             (int(columns.min()), int(columns.max())) if len(body) > 1 else None,
         )
         if finding is not None:
@@ -272,9 +297,18 @@ def _base(
 
 
 def _judge(
-    segmentation: SegmentationLike, track: TrackGeometry, limits: Thresholds, code: int,
-    clearance: float, scale: float, region: Bools, foot_line: Array, inside: Array,
-    chainage: Array, lateral: Array, columns_uv: tuple[int, int] | None,
+    segmentation: SegmentationLike,
+    track: TrackGeometry,
+    limits: Thresholds,
+    code: int,
+    clearance: float,
+    scale: float,
+    region: Bools,
+    foot_line: Array,
+    inside: Array,
+    chainage: Array,
+    lateral: Array,
+    columns_uv: tuple[int, int] | None,
 ) -> Finding | None:
     """Accept or reject one foot line."""
     path = track.path
@@ -444,7 +478,12 @@ def _lobes(
             high = np.count_nonzero(ratio >= 1.0)
             # A deviation that reaches the end of the sight may be the end itself.
             ends = last >= len(values) - 4
-            if high >= 2 and rows >= limits.bend_rows and length >= limits.bend_length_m and not ends:
+            if (
+                high >= 2
+                and rows >= limits.bend_rows
+                and length >= limits.bend_length_m
+                and not ends
+            ):
                 lobes.append((int(first), int(last), peak))
     return lobes
 
@@ -516,9 +555,7 @@ def _interruptions(
     for gap in track.gaps:
         if gap.rail != "both":
             continue
-        spacing = float(
-            np.interp(gap.from_m, path.chainage_m, path.metre_px * 2.0 * path.half_m)
-        )
+        spacing = float(np.interp(gap.from_m, path.chainage_m, path.metre_px * 2.0 * path.half_m))
         tall = gap.from_v - gap.to_v
         if spacing < limits.gap_spacing_px * scale or tall < limits.gap_px * scale:
             continue

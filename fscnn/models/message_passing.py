@@ -53,7 +53,9 @@ class _FourDirections(nn.Module):
         """Args: ``channels`` C of the input; ``taps`` k of each kernel, odd."""
         super().__init__()
         if channels < 1 or taps < 1 or taps % 2 == 0:
-            raise ValueError(f"message passing needs channels >= 1 and odd taps, got {channels}, {taps}")
+            raise ValueError(
+                f"message passing needs channels >= 1 and odd taps, got {channels}, {taps}"
+            )
         self.vertical = nn.Parameter(torch.empty(2, channels, channels, taps))
         self.horizontal = nn.Parameter(torch.empty(2, channels, channels, taps))
         self.form = "fast"

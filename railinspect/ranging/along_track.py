@@ -125,7 +125,9 @@ def range_of(
     if finding.foot_uv[1] >= seen_by.size_wh[1] - 1:
         # The foot lies below the image: all that is known is an upper limit.
         upper = fused.interval_m[1]
-        return Range(fused.range_m, fused.range_m / 2, (0.0, upper), f"below the image, {fused.method}")
+        return Range(
+            fused.range_m, fused.range_m / 2, (0.0, upper), f"below the image, {fused.method}"
+        )
     if fused.std_m > settings.worst_rel * fused.range_m or row_rel > settings.worst_noise_rel:
         return None
     return fused

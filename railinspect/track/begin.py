@@ -82,8 +82,17 @@ class Pair:
 
 @numba.njit(cache=True)
 def _vote(
-    points: Array, bottom: float, top: float, a0: float, da: float, c0: float, dc: float,
-    horizon: float, heading: float, spread: float, votes: Array,
+    points: Array,
+    bottom: float,
+    top: float,
+    a0: float,
+    da: float,
+    c0: float,
+    dc: float,
+    horizon: float,
+    heading: float,
+    spread: float,
+    votes: Array,
 ) -> None:
     """Let each point vote for the lines through it that pass near the vanishing point.
 
@@ -100,7 +109,9 @@ def _vote(
         for a in range(first, last + 1):
             c = ((x - t * (a0 + a * da)) / (1.0 - t + 1e-3) - c0) / dc
             if t > 0.999:  # at the very bottom X there is the line's, whatever its slope
-                c = (heading + (a0 + a * da - heading) * (top - horizon) / (bottom - horizon) - c0) / dc
+                c = (
+                    heading + (a0 + a * da - heading) * (top - horizon) / (bottom - horizon) - c0
+                ) / dc
             if not 0.0 <= c < n_c - 1.0:
                 continue
             j = int(c)

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from railinspect.track.growing import HALF, PSI, X, Y, Growth
+from railinspect.track.growing import HALF, PSI, Growth, X, Y
 from railinspect.track.level import Level, bilinear, project
 from railinspect.track.settings import FollowerSettings
 
@@ -46,9 +46,20 @@ class Centres:
 
 @numba.njit(cache=True)
 def _measure(
-    score: npt.NDArray[np.uint8], cam: Array, path: Array, step: float, least_px: float,
-    reach_m: float, low: float, offset: Array, peak: Array, width: Array, other: Array,
-    between: Array, metre_px: Array, uv: Array,
+    score: npt.NDArray[np.uint8],
+    cam: Array,
+    path: Array,
+    step: float,
+    least_px: float,
+    reach_m: float,
+    low: float,
+    offset: Array,
+    peak: Array,
+    width: Array,
+    other: Array,
+    between: Array,
+    metre_px: Array,
+    uv: Array,
 ) -> None:
     raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
     for i in range(path.shape[0]):
@@ -145,7 +156,19 @@ def measure_centres(
     offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
     between, metre, uv = np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
     _measure(
-        score, level.vector(), path, 0.5 * scale, 3.0 * scale, settings.fine_reach_m, settings.low,
-        offset, peak, width, other, between, metre, uv,
+        score,
+        level.vector(),
+        path,
+        0.5 * scale,
+        3.0 * scale,
+        settings.fine_reach_m,
+        settings.low,
+        offset,
+        peak,
+        width,
+        other,
+        between,
+        metre,
+        uv,
     )
     return Centres(path, offset, peak, width, other, between, metre, uv)

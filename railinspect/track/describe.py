@@ -92,7 +92,9 @@ def describe(
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
     doubtful = _doubtful(centres, seen, scale)
-    smooth, residual = _smooth(level, centres, seen, doubtful, scale, settings.stiffness(calibrated))
+    smooth, residual = _smooth(
+        level, centres, seen, doubtful, scale, settings.stiffness(calibrated)
+    )
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
     under = np.zeros(1)
@@ -117,7 +119,15 @@ def describe(
     gaps = _gaps(path, seen, inside, centres, growth, scale)
     reach = float(path.chainage_m[:m][seen.any(axis=1)].max())
     return Description(
-        camera, path, profile, left, right, gaps, reach, rows, cover,
+        camera,
+        path,
+        profile,
+        left,
+        right,
+        gaps,
+        reach,
+        rows,
+        cover,
         _contrast(growth, centres),
     )
 
@@ -155,7 +165,11 @@ def _contrast(growth: Growth, centres: Centres) -> float:
 
 
 def _smooth(
-    level: Level, centres: Centres, seen: Bools, doubtful: Bools, scale: float,
+    level: Level,
+    centres: Centres,
+    seen: Bools,
+    doubtful: Bools,
+    scale: float,
     stiffness: tuple[float, float],
 ) -> tuple[SmoothTrack, Array]:
     """The smooth track through the seen centres, and each rail's residual across it, metres."""
@@ -170,7 +184,9 @@ def _smooth(
     fitted = seen.copy()
     if len(seen) > _FIT_ROWS:  # every other row: neighbours say nearly the same
         fitted[1::2] = False
-    smooth = fit_smooth(rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness)
+    smooth = fit_smooth(
+        rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness
+    )
     flat = rail_x.ravel()
     slope = smooth.slope(flat)
     lean = np.sqrt(1.0 + slope**2)

@@ -149,9 +149,7 @@ class TrackFollower:
     def _fresh_state(self, size_wh: tuple[int, int], frame: FrameLike | None) -> FollowerState:
         state = self._state
         index = None if frame is None else frame.index
-        jumped = (
-            index is not None and state.index is not None and not 0 < index - state.index <= 5
-        )
+        jumped = index is not None and state.index is not None and not 0 < index - state.index <= 5
         if state.size_wh != size_wh or jumped:
             return FollowerState(size_wh=size_wh, index=index)
         return replace(state, index=index)
@@ -220,9 +218,7 @@ class TrackFollower:
         top = bottom - settings.band * s_first
         tilt = abs(math.sin(camera.roll_rad)) * width / 2
         first_row = int(max(0.0, height - 1 - settings.band * s_first - tilt))
-        points = ridge_points(
-            score, first_row, stride, settings.low, max(4, int(0.12 * width))
-        )
+        points = ridge_points(score, first_row, stride, settings.low, max(4, int(0.12 * width)))
         points = np.hstack([level.from_pixels(points[:, :2]), points[:, 2:], points[:, 1:2]])
         points = points[points[:, 1] >= top]
         rows = max(1, int(settings.band * s_first / stride))
@@ -253,7 +249,9 @@ class TrackFollower:
                 and abs(p.right.bottom_px - old.right.bottom_px) <= reach
             ]
             if not pairs:
-                kept = pair_of(replace(old.left, votes=0.1), replace(old.right, votes=0.1), bottom, prior)
+                kept = pair_of(
+                    replace(old.left, votes=0.1), replace(old.right, votes=0.1), bottom, prior
+                )
                 pairs = [] if kept is None else [kept]
         found = [self._grown(score, camera, horizon, pair, state, bottom, scale) for pair in pairs]
         return [c for c in found if c is not None], lines
@@ -287,7 +285,12 @@ class TrackFollower:
         return _Candidate(pair, level, horizon, s_first, growth)
 
     def _grow_from(
-        self, score: npt.NDArray[np.uint8], level: Level, pair: Pair, bottom: float, curvature: float
+        self,
+        score: npt.NDArray[np.uint8],
+        level: Level,
+        pair: Pair,
+        bottom: float,
+        curvature: float,
     ) -> Growth:
         camera = level.camera
         s_first = bottom - level.horizon_px

@@ -51,8 +51,15 @@ class Growth:
 
 @numba.njit(cache=True)
 def _sample(
-    score: npt.NDArray[np.uint8], cam: Array, x: float, y: float, nx: float, ny: float,
-    reach: float, steps: int, out: Array,
+    score: npt.NDArray[np.uint8],
+    cam: Array,
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    reach: float,
+    steps: int,
+    out: Array,
 ) -> bool:
     """Grey values along the normal through one ground point; True if inside the image."""
     u0, v0 = project(cam, x - reach * nx, y - reach * ny)
@@ -89,10 +96,24 @@ def _top(profile: Array, first: int, last: int) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _grow(
-    score: npt.NDArray[np.uint8], cam: Array, start: Array, std: Array, half: float,
-    s_first: float, step_px: float, search_px: float, seen: float, walk: float, shrink: float,
-    gap_m: float, gap_share: float, near_gap: float, min_spacing: float, s_least: float,
-    max_reach: float, nodes: Array,
+    score: npt.NDArray[np.uint8],
+    cam: Array,
+    start: Array,
+    std: Array,
+    half: float,
+    s_first: float,
+    step_px: float,
+    search_px: float,
+    seen: float,
+    walk: float,
+    shrink: float,
+    gap_m: float,
+    gap_share: float,
+    near_gap: float,
+    min_spacing: float,
+    s_least: float,
+    max_reach: float,
+    nodes: Array,
 ) -> tuple[int, int, int]:
     """Grow from ``start`` (x, y, ψ, κ); return nodes written, nodes up to the last seen, stop."""
     rows_n, cols_n = score.shape
@@ -184,11 +205,29 @@ def _grow(
                 left_profiles[j, :] = 0.0
                 right_profiles[j, :] = 0.0
                 continue
-            if _sample(score, cam, xc + half * nxj, yc + half * nyj, nxj, nyj, reach, steps,
-                       left_profiles[j]):
+            if _sample(
+                score,
+                cam,
+                xc + half * nxj,
+                yc + half * nyj,
+                nxj,
+                nyj,
+                reach,
+                steps,
+                left_profiles[j],
+            ):
                 left_in += 1
-            if _sample(score, cam, xc - half * nxj, yc - half * nyj, nxj, nyj, reach, steps,
-                       right_profiles[j]):
+            if _sample(
+                score,
+                cam,
+                xc - half * nxj,
+                yc - half * nyj,
+                nxj,
+                nyj,
+                reach,
+                steps,
+                right_profiles[j],
+            ):
                 right_in += 1
         # Local Hough transform over shift and drift, both rails jointly, with the filter's
         # expectation as prior.

@@ -51,9 +51,7 @@ class Horizon:
 
     def swung(self, swing_px: float) -> Horizon:
         """What is known of one frame's horizon, about which the vehicle swings."""
-        return Horizon(
-            self.row_px, self.growth, self.covariance + np.diag([swing_px**2, 0.0])
-        )
+        return Horizon(self.row_px, self.growth, self.covariance + np.diag([swing_px**2, 0.0]))
 
     def updated(self, row_px: float, growth: float, covariance: Array) -> Horizon:
         """The estimate after a measurement of both states with its covariance."""

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from railops._extras import extra
 from railops.braking import Train
 from railops.braking.stopping import Motion, motion_of, runge_kutta, stop
-from railops._extras import extra
 from railops.crossing.bus import Bus, Link, Trace
 from railops.crossing.geodesy import Position, offset
 from railops.crossing.rules import with_valve

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from railops.errors import DomainError, check_range
 from railops._extras import extra
+from railops.errors import DomainError, check_range
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.leg import Leg
 from railops.pilot.lobatto import Lobatto, evaluate, lobatto

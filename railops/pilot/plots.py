@@ -20,7 +20,9 @@ _BLUE, _RED, _GREY = "#1f4e9c", "#c0392b", "#888888"
 
 def _canvas(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     """A figure with its axes that never touches a display or global state."""
-    figure = extra("pilot", "matplotlib.figure", "drawing").Figure(figsize=size, layout="constrained")
+    figure = extra("pilot", "matplotlib.figure", "drawing").Figure(
+        figsize=size, layout="constrained"
+    )
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.grid(True, linewidth=0.3, color="#cccccc")

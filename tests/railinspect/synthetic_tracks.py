@@ -22,8 +22,12 @@ class Masks:
     rail_score: npt.NDArray[np.uint8]
 
     def mirrored(self) -> Masks:
-        return Masks(*(np.ascontiguousarray(p[:, ::-1]) for p in
-                       (self.labels, self.confidence, self.rail_score)))
+        return Masks(
+            *(
+                np.ascontiguousarray(p[:, ::-1])
+                for p in (self.labels, self.confidence, self.rail_score)
+            )
+        )
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def clear(curvature: float) -> Masks:
     return draw(camera(), curvature)
 
 
-def wave(at: float, length: float, amplitude: float, period: float = 0.0):  # noqa: ANN201
+def wave(at: float, length: float, amplitude: float, period: float = 0.0):
     """A bulge (period 0) or a ripple."""
 
     def bend(s: np.ndarray) -> np.ndarray:
@@ -137,9 +137,14 @@ def test_a_platform_edge_along_the_track_is_no_obstacle() -> None:
 
 
 def test_arms_and_bags_belong_to_the_person() -> None:
-    masks = draw(camera(), 0.0, things=[
-        Thing(L.HUMAN, 20.0, 0.25, 0.18, 1.7), Thing(L.HUMAN, 20.0, -0.1, 0.18, 1.7),
-    ])
+    masks = draw(
+        camera(),
+        0.0,
+        things=[
+            Thing(L.HUMAN, 20.0, 0.25, 0.18, 1.7),
+            Thing(L.HUMAN, 20.0, -0.1, 0.18, 1.7),
+        ],
+    )
     marks = masks.labels.copy()
     rows, cols = np.nonzero(marks == L.HUMAN)
     marks[rows.min() + 8 : rows.min() + 24, cols.min() - 6 : cols.max() + 7] = L.HUMAN
@@ -148,9 +153,14 @@ def test_arms_and_bags_belong_to_the_person() -> None:
 
 
 def test_person_and_crate_are_two_findings_nearest_first() -> None:
-    masks = draw(camera(), 0.0, things=[
-        Thing(L.HUMAN, 22.0, -0.4, 0.5, 1.7), Thing(L.CONSTRUCTION, 45.0, 0.4, 0.8, 0.8),
-    ])
+    masks = draw(
+        camera(),
+        0.0,
+        things=[
+            Thing(L.HUMAN, 22.0, -0.4, 0.5, 1.7),
+            Thing(L.CONSTRUCTION, 45.0, 0.4, 0.8, 0.8),
+        ],
+    )
     _, found = judge(masks, camera())
     assert [f.type for f in found] == ["trespasser", "obstruction"]
 
@@ -182,7 +192,8 @@ def test_a_distortions_place_is_told() -> None:
 def test_transition_curves_are_no_distortion(radius: float, transition: float) -> None:
     for start in (10.0, 40.0):
         masks = draw(
-            camera(), lambda s, a=start: np.clip((s - a) / transition, 0, 1) / radius  # type: ignore[misc]
+            camera(),
+            lambda s, a=start: np.clip((s - a) / transition, 0, 1) / radius,  # type: ignore[misc]
         )
         geometry, found = judge(masks, camera())
         assert found == (), found
@@ -225,7 +236,13 @@ def test_a_short_hole_is_the_segmentations_own() -> None:
     calibrated=st.booleans(),
 )
 def test_a_clear_track_never_yields_a_finding(
-    radius: float, hand: int, gauge: float, height: float, pitch: float, roll: float, fov: float,
+    radius: float,
+    hand: int,
+    gauge: float,
+    height: float,
+    pitch: float,
+    roll: float,
+    fov: float,
     calibrated: bool,
 ) -> None:
     cam = camera((640, 360), fov, height, pitch, roll, gauge_m=gauge)
@@ -244,7 +261,12 @@ def test_a_clear_track_never_yields_a_finding(
     calibrated=st.booleans(),
 )
 def test_a_thing_on_the_track_never_leaves_a_frame_clear(
-    hand: int, label: int, range_m: float, aside: float, width: float, tall: float,
+    hand: int,
+    label: int,
+    range_m: float,
+    aside: float,
+    width: float,
+    tall: float,
     calibrated: bool,
 ) -> None:
     masks = draw(camera(), hand / 400, things=[Thing(label, range_m, aside, width, tall)])

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from railops.crossing import clonal, genetic, perceptron, tables
 from railops._extras import extra
+from railops.crossing import clonal, genetic, perceptron, tables
 from railops.crossing.experiment import METHODS, run, scenario
 from railops.crossing.fallback import Order, react
 from railops.crossing.front import nsga2

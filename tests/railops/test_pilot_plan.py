@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from railops import _extras as extras
 from railops.errors import DomainError, MissingExtraError, UnreachableError
 from railops.pilot import (
     PAPER_MESH,
@@ -21,7 +22,6 @@ from railops.pilot import (
     plan_leg,
     plan_trip,
 )
-from railops import _extras as extras
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.lobatto import evaluate, lobatto
 from railops.pilot.profiles import random_route

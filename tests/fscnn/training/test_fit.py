@@ -132,8 +132,12 @@ def test_some_limit_is_needed(tmp_path: Path) -> None:
 
 
 def test_diverging_run_stops_and_says_why(tmp_path: Path) -> None:
-    config = tiny_run(tmp_path, "schedule.max_steps=60", "optimiser.rate=1e30", "optimiser.clip=1e30")
-    with pytest.raises(DivergedError, match=r"not finite at step \d+: (weight|layer) .*lower optimiser"):
+    config = tiny_run(
+        tmp_path, "schedule.max_steps=60", "optimiser.rate=1e30", "optimiser.clip=1e30"
+    )
+    with pytest.raises(
+        DivergedError, match=r"not finite at step \d+: (weight|layer) .*lower optimiser"
+    ):
         fit(config)
 
 

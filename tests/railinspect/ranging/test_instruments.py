@@ -54,9 +54,7 @@ def test_range_from_row(
 
 def test_range_from_row_errors() -> None:
     # Row 0.6/30 = 2 %, horizon 0.3/30 = 1 %, height 2 %, plane 0.0006·100/3 = 2 %, focal 1 %.
-    found = range_from_row(
-        30.0, 3.0, 1000.0, 0.0, 0.6, 0.3, 0.06, 10.0, gradient_std=0.0006
-    )
+    found = range_from_row(30.0, 3.0, 1000.0, 0.0, 0.6, 0.3, 0.06, 10.0, gradient_std=0.0006)
     assert found.std_m == pytest.approx(100 * math.sqrt(4 + 1 + 4 + 4 + 1) / 100)
 
 
@@ -131,9 +129,7 @@ def test_disagreement_widens() -> None:
     own=st.floats(0.001, 0.3),
     shared=st.floats(0, 0.3),
 )
-def test_the_result_lies_between_its_parts(
-    ranges: list[float], own: float, shared: float
-) -> None:
+def test_the_result_lies_between_its_parts(ranges: list[float], own: float, shared: float) -> None:
     found = combine(
         [Estimate(str(i), r, {"shared": shared, str(i): own}) for i, r in enumerate(ranges)]
     )

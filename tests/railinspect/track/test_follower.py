@@ -40,7 +40,9 @@ def rail_error_px(geometry: TrackGeometry, cam: Camera, curvature: object) -> np
     line = line[line[:, 0] > 3]
     truth = cam.distort(cam.project(rail_points(line, cam.rail_spacing_m / 2)))
     truth = truth[np.isfinite(truth).all(axis=1)][::-1]
-    return np.abs(np.interp(geometry.left_uv[:, 1], truth[:, 1], truth[:, 0]) - geometry.left_uv[:, 0])
+    return np.abs(
+        np.interp(geometry.left_uv[:, 1], truth[:, 1], truth[:, 0]) - geometry.left_uv[:, 0]
+    )
 
 
 CASES = [
@@ -219,7 +221,9 @@ def test_after_a_loss_the_last_beginning_points_stay_for_a_while() -> None:
 
 
 def blank(shape: tuple[int, int]) -> Masks:
-    return Masks(np.full(shape, L.TERRAIN, np.uint8), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
+    return Masks(
+        np.full(shape, L.TERRAIN, np.uint8), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    )
 
 
 def full(shape: tuple[int, int]) -> Masks:

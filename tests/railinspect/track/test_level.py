@@ -71,8 +71,11 @@ def test_bilinear_hand_worked() -> None:
 
 
 @given(
-    k1=st.floats(-0.15, 0.15), k2=st.floats(-0.03, 0.03), p1=st.floats(-0.004, 0.004),
-    u=st.floats(0, 639), v=st.floats(0, 359),
+    k1=st.floats(-0.15, 0.15),
+    k2=st.floats(-0.03, 0.03),
+    p1=st.floats(-0.004, 0.004),
+    u=st.floats(0, 639),
+    v=st.floats(0, 359),
 )
 def test_undistort_undoes_distort(k1: float, k2: float, p1: float, u: float, v: float) -> None:
     cam = camera(distortion=(k1, k2, p1, -p1, 0.0))

@@ -45,9 +45,7 @@ def test_basis_integrates_to_known_curves() -> None:
 
 
 @given(radius=st.floats(200, 5000), start=st.floats(0, 60), hand=st.sampled_from([-1, 1]))
-def test_transitions_and_arcs_leave_next_to_nothing(
-    radius: float, start: float, hand: int
-) -> None:
+def test_transitions_and_arcs_leave_next_to_nothing(radius: float, start: float, hand: int) -> None:
     x = 8 + 62 * np.linspace(0, 1, 150) ** 2
     ramp = np.clip((x - start) / 40.0, 0, 1) * hand / radius
     fine = np.linspace(0, 80, 4000)
