@@ -120,7 +120,7 @@ def _things(
     path = track.path
     assert path is not None
     labels = segmentation.labels
-    height, width = labels.shape
+    width = labels.shape[1]
     scale = width / 640.0
     reach = limits.reach_share * (track.reach_m or 0.0) + 1.0
     used = path.chainage_m <= reach
@@ -290,9 +290,9 @@ def _base(
         if np.ptp(feet[part, 0]) > limits.overhang_width_m * metre:
             continue  # too wide for an arm
         aside = float(np.abs(feet[near, 0] - feet[part, 0]).min()) / metre
-        if (base - bottom) / metre < limits.overhang_m and aside < limits.overhang_m:
-            if best is None or base > best[0]:
-                best = (base, other)
+        near = (base - bottom) / metre < limits.overhang_m and aside < limits.overhang_m
+        if near and (best is None or base > best[0]):
+            best = (base, other)
     return None if best is None else best[1]
 
 

@@ -64,8 +64,8 @@ def range_of(
 
     Returns:
         The range; where the foot lies below the image's bottom, its upper limit with an interval
-        that begins at 0; or None beyond the reliable range: foot at or above the horizon, rails at the
-        foot closer than ``least_spacing_px``, or the error above ``worst_rel`` in all or
+        that begins at 0; or None beyond the reliable range: foot at or above the horizon, rails at
+        the foot closer than ``least_spacing_px``, or the error above ``worst_rel`` in all or
         ``worst_noise_rel`` from the foot's row.
     """
     settings = settings or RangingSettings()

@@ -79,7 +79,7 @@ def _measure(
             u, v = (ul, vl) if rail == 0 else (ur, vr)
             du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
-            count = min(_PROFILE // 2, int(math.ceil(reach / step)))
+            count = min(_PROFILE // 2, math.ceil(reach / step))
             uv[i, rail, 0], uv[i, rail, 1] = u, v
             offset[i, rail], peak[i, rail] = 0.0, 0.0
             width[i, rail], other[i, rail] = 0.0, 0.0

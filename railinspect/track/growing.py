@@ -116,9 +116,8 @@ def _grow(
     nodes: Array,
 ) -> tuple[int, int, int]:
     """Grow from ``start`` (x, y, ψ, κ); return nodes written, nodes up to the last seen, stop."""
-    rows_n, cols_n = score.shape
+    cols_n = score.shape[1]
     f = cam[0]
-    cos_t = 1.0 / math.sqrt(1.0 + (cam[5] / f) ** 2)
     x, y, psi, kappa = start[0], start[1], start[2], start[3]
     p = np.zeros((3, 3))
     for i in range(3):
@@ -188,7 +187,7 @@ def _grow(
         sigma = math.sqrt(p[0, 0] + noise * noise)
         reach = max(search_px / metre, 3.0 * math.sqrt(p[0, 0]))
         reach = min(reach, 0.9 * half, 20.0 / metre * 2.0 * step_px)
-        steps = 2 * int(math.ceil(reach * metre / step_px)) + 1
+        steps = 2 * math.ceil(reach * metre / step_px) + 1
         steps = max(7, min(_MAX_SHIFTS, steps))
         grid = 2.0 * reach / (steps - 1)
         n_rows = int(max(3, min(_MAX_ROWS, round(s_from - s_to) + 1)))
@@ -240,7 +239,7 @@ def _grow(
                 for i in range(steps):
                     left_sum[i], right_sum[i] = 0.0, 0.0
                 for j in range(n_rows):
-                    off = int(round(lean * drift[j] / grid))
+                    off = round(lean * drift[j] / grid)
                     for i in range(max(0, -off), min(steps, steps - off)):
                         left_sum[i] += left_profiles[j, i + off]
                         right_sum[i] += right_profiles[j, i + off]
@@ -260,7 +259,7 @@ def _grow(
                             right_best[m] = right_sum[m] / n_rows
         # Each rail's own position near the joint one.
         at = int(best_shift) + mid
-        slack = int(round(max(2.0, 1.5 * 2.0 * step_px / metre / grid, 0.06 / grid)))
+        slack = round(max(2.0, 1.5 * 2.0 * step_px / metre / grid, 0.06 / grid))
         lo, hi = max(0, at - slack), min(steps - 1, at + slack)
         for i in range(steps):
             smooth[i] = (

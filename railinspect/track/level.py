@@ -96,7 +96,7 @@ class Level:
         return c.distort(turned + np.array(c.principal_uv))
 
     def ground_from_level(self, level_xy: npt.ArrayLike) -> Array:
-        """Ground (x, y), metres, of levelled points; NaN at or above the horizon. Shape (..., 2)."""
+        """Ground (x, y), metres, of levelled points, shape (..., 2); NaN from the horizon up."""
         points = np.asarray(level_xy, float)
         s = points[..., 1] - self.horizon_px
         s = np.where(s > 1e-6, s, np.nan)

@@ -3,8 +3,8 @@
 A track's curvature changes slowly: straight, transition, arc. The model is a centre line whose
 second derivative is piecewise linear with a prior on its rate of change (a clothoid piece by
 piece), plus half the spacing, constant but for a slow trend, which takes up gradients and
-errors of the horizon. Both rails are fitted at once by robust weighted least squares; what is left over is the
-rails' own shape: ripple, bulge, kink.
+errors of the horizon. Both rails are fitted at once by robust weighted least squares; what is
+left over is the rails' own shape: ripple, bulge, kink.
 """
 
 from __future__ import annotations

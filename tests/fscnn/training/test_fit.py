@@ -17,7 +17,10 @@ from fscnn.training.module import SegmentationModule
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
 
-TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, dropout: 0}"
+TINY = (
+    "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, "
+    "dropout: 0}"
+)
 
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
@@ -173,7 +176,7 @@ def test_pickle_pretending_to_be_a_checkpoint(tmp_path: Path) -> None:
 def test_checkpoints_of_others(tmp_path: Path, overfitted: tuple[Path, dict[str, float]]) -> None:
     path = tmp_path / "other.ckpt"
     torch.save({"state_dict": {}}, path)
-    with pytest.raises(BadInputError, match="was not written by train.py"):
+    with pytest.raises(BadInputError, match=r"was not written by train\.py"):
         checkpoint.load(path)
     held = torch.load(overfitted[0] / "run" / "last.ckpt", weights_only=True)
     held["fscnn"]["settings"]["message_channels"] = 16
