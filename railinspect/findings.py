@@ -72,7 +72,9 @@ def find(
 # Place on the track
 
 
-def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, Array]:
+def track_coordinates(
+    path: TrackPath, world_xy: Array
+) -> tuple[Array, Array, npt.NDArray[np.intp]]:
     """Chainage and lateral position of ground points against the track.
 
     The lateral position is scaled so that the rails, as seen on the plane, lie where the nearest
@@ -86,7 +88,7 @@ def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, A
         Chainage (m), lateral position (m, positive left) and index of the nearest sample, (N,).
     """
     x = world_xy[:, 0]
-    at = np.clip(np.searchsorted(path.xy_m[:, 0], x), 0, len(x_of(path)) - 1)
+    at: npt.NDArray[np.intp] = np.clip(np.searchsorted(path.xy_m[:, 0], x), 0, len(x_of(path)) - 1)
     along = np.zeros(len(x))
     across = np.zeros(len(x))
     for _ in range(3):
@@ -177,12 +179,12 @@ def _things(
     return found
 
 
-def place_on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, Array]:
+def place_on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, npt.NDArray[np.intp]]:
     """Chainage, lateral position and nearest sample of ground pixels; NaN above the horizon."""
     path = track.path
     assert path is not None
     world = track.camera.ground(track.camera.undistort(uv))
-    lost = ~np.isfinite(world).all(axis=1)
+    lost: npt.NDArray[np.bool_] = ~np.isfinite(world[:, 0] + world[:, 1])
     chainage, lateral, at = track_coordinates(path, np.where(lost[:, None], 1.0, world))
     lateral[lost] = np.nan
     chainage[lost] = np.inf

@@ -113,7 +113,7 @@ def describe(
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0
     cover = min(
-        float(np.count_nonzero(seen[:, i]) / max(1, np.count_nonzero(inside[:, i])))
+        float(np.count_nonzero(seen[:, i])) / max(1.0, float(np.count_nonzero(inside[:, i])))
         for i in range(2)
     )
     gaps = _gaps(path, seen, inside, centres, growth, scale)
@@ -277,7 +277,7 @@ def _gaps(
     m = len(seen)
     least = 3 * scale
     kinds: tuple[tuple[Literal["left", "right", "both"], Bools], ...] = (
-        ("both", missing.all(axis=1)),
+        ("both", missing[:, 0] & missing[:, 1]),
         ("left", missing[:, 0] & ~missing[:, 1]),
         ("right", missing[:, 1] & ~missing[:, 0]),
     )

@@ -117,7 +117,6 @@ def _grow(
 ) -> tuple[int, int, int]:
     """Grow from ``start`` (x, y, ψ, κ); return nodes written, nodes up to the last seen, stop."""
     cols_n = score.shape[1]
-    f = cam[0]
     x, y, psi, kappa = start[0], start[1], start[2], start[3]
     p = np.zeros((3, 3))
     for i in range(3):

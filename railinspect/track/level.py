@@ -86,7 +86,8 @@ class Level:
         c = self.camera
         shifted = c.undistort(pixels_uv) - np.array(c.principal_uv)
         cr, sr = math.cos(c.roll_rad), math.sin(c.roll_rad)
-        return shifted @ np.array([[cr, sr], [-sr, cr]])
+        levelled: Array = shifted @ np.array([[cr, sr], [-sr, cr]])
+        return levelled
 
     def to_pixels(self, level_xy: npt.ArrayLike) -> Array:
         """Input pixels of levelled (X, Y), shape (..., 2)."""
@@ -148,7 +149,7 @@ def x_at(cam: Array, s: float) -> float:
     """Ground distance ahead x, metres, of a levelled row s pixels below the horizon."""
     f, h = cam[FOCAL], cam[HEIGHT]
     tan_t = -cam[HORIZON] / f
-    return f * h * (1.0 + tan_t * tan_t) / s - h * tan_t
+    return float(f * h * (1.0 + tan_t * tan_t) / s - h * tan_t)
 
 
 @numba.njit(cache=True, inline="always")
@@ -162,4 +163,4 @@ def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
-    return top * (1.0 - b) + low * b
+    return float(top * (1.0 - b) + low * b)
