@@ -22,7 +22,7 @@ TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
     if not (folder / "set").exists():
-        write_set(folder / "set", 8, rail_px=12)
+        write_set(folder / "set", 8, rail_px=16)
     return load(
         None,
         [
