@@ -25,7 +25,7 @@ TINY = (
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
     if not (folder / "set").exists():
-        write_set(folder / "set", 8, rail_px=12)
+        write_set(folder / "set", 8, rail_px=16)
     return load(
         None,
         [
