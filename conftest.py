@@ -1,3 +1,9 @@
-"""Runs the Python examples of the docs pages and the README along with the tests."""
+"""Settings of the whole test suite."""
+
+from hypothesis import settings
+
+# Shared machines stall; a slow example is no failing one.
+settings.register_profile("shared", deadline=None)
+settings.load_profile("shared")
 
 collect_ignore_glob = ["runs/*", "build/*", "train.py", "evaluate.py"]

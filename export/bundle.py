@@ -134,7 +134,7 @@ def compare(
 
 
 def count_nodes(model: onnx.ModelProto) -> dict[str, int]:
-    """Graph nodes by operator, most frequent first; control-flow bodies would show as their node."""
+    """Graph nodes by operator, most frequent first; a control-flow body shows as its node."""
     return dict(collections.Counter(node.op_type for node in model.graph.node).most_common())
 
 
@@ -143,7 +143,9 @@ def _to_onnx(deployed: Deployed, size_wh: tuple[int, int]) -> onnx.ModelProto:
     # Two images: a batch of one would be taken for a constant.
     example = torch.zeros(2, height, width, 3, dtype=torch.uint8)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the exporter's own deprecations; nothing a user can act on
+        warnings.simplefilter(
+            "ignore"
+        )  # the exporter's own deprecations; nothing a user can act on
         program = torch.onnx.export(
             deployed,
             (example,),

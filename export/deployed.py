@@ -15,8 +15,8 @@ from fscnn.models.message_passing import FoldedMessagePassing
 class Deployed(nn.Module):
     """Maps uint8 RGB (N, H, W, 3) to labels, confidence and rail score, each uint8 (N, H, W).
 
-    Batch norms are folded into the convolutions before them, and the division by 255 into the
-    first convolution, so neither costs anything.
+    Batch norms are folded into the convolutions before them, the division by 255 into the first
+    convolution and the bound on the message-passing kernels into these, so none costs anything.
     """
 
     def __init__(self, network: nn.Module) -> None:
@@ -24,7 +24,7 @@ class Deployed(nn.Module):
         self.network = fold_norms(copy.deepcopy(network).eval()).requires_grad_(False)
         for module in self.network.modules():
             if isinstance(module, FoldedMessagePassing):
-                module.form = "export"
+                module.freeze()
         first = next(m for m in self.network.modules() if isinstance(m, nn.Conv2d))
         first.weight.data /= 255
 

@@ -139,7 +139,8 @@ def golden_image(size_wh: tuple[int, int]) -> Image:
     rail = offset <= 2 * 5 * (v - horizon) * width // 100 + depth * 5
     grey = np.where(v < horizon, sky, np.where(rail, 215, ground))
     tint = np.array([0, 4, 12])
-    return np.clip(grey[..., None] + tint, 0, 255).astype(np.uint8)
+    image: Image = np.clip(grey[..., None] + tint, 0, 255).astype(np.uint8)
+    return image
 
 
 def digest(array: Image) -> str:

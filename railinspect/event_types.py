@@ -17,6 +17,7 @@ class EventSettings:
         confirm_window: Number of last frames looked at.
         lose_after_s: An event unseen for this long ends, seconds of media time.
         same_place_m: Findings closer than this along the track may be one event, metres.
+        stretch_m: Distortions closer than this along the track are one, metres.
         gate_std: Range differences up to this many standard deviations are measurement noise.
     """
 
@@ -24,6 +25,7 @@ class EventSettings:
     confirm_window: int = 6
     lose_after_s: float = 2.0
     same_place_m: float = 4.0
+    stretch_m: float = 15.0
     gate_std: float = 3.0
 
     def __post_init__(self) -> None:

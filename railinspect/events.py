@@ -9,7 +9,8 @@ The rules, in the order they apply:
    overlapping boxes are enough in any case.
 2. **One place, one event.** Two findings of one frame are one event if
    (a) they have the same type and the same range, within ``same_place_m`` or their noise: two
-   people side by side, or a heap of stones, are one place to brake for;
+   people side by side, or a heap of stones, are one place to brake for. A distortion is a stretch
+   of track whose worst part changes as the train nears, so for it ``stretch_m`` counts;
    (b) their types differ, their ranges agree likewise and their boxes touch: an obstacle hides
    the rails behind it and so also reads as a distortion;
    (c) one is a fragment of the other, whatever their ranges: at least half inside its box, or of
@@ -192,6 +193,8 @@ class EventTracker:
         noise_m = math.hypot(predicted[1], sighting.range_std_m or 0.0)
         gate_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
         gate_m = max(min(gate_m, 0.5 * max(predicted[0], sighting.range_m)), 2.0)
+        if candidate.type == sighting.type == "distortion":
+            gate_m = max(gate_m, self._settings.stretch_m)
         apart_m = abs(predicted[0] - sighting.range_m)
         if apart_m > gate_m or not columns_touch(box, sighting.box_xyxy, slack=0.5):
             return None
@@ -206,6 +209,8 @@ class EventTracker:
             return touching
         noise_m = math.hypot(first.range_std_m or 0.0, second.range_std_m or 0.0)
         near_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
+        if first.type == second.type == "distortion":
+            near_m = max(near_m, self._settings.stretch_m)
         same_range = abs(first.range_m - second.range_m) <= near_m
         return same_range and (touching or first.type == second.type)
 

@@ -26,9 +26,17 @@ ROOMS: Mapping[str, tuple[str, str]] = {
         "railops.braking.commands",
         "bounds on errors, stopping distances, and when to brake",
     ),
+    "crossing": (
+        "railops.crossing.commands",
+        "collision avoidance at level crossings",
+    ),
     "headway": (
         "railops.headway.commands",
         "shortest departure intervals of metro sections, and which run time to order",
+    ),
+    "pilot": (
+        "railops.pilot.commands",
+        "the pilot vehicle: its trip, its tracking, and what it is worth",
     ),
 }
 

@@ -4,7 +4,9 @@ RailOpsError
 ├── DomainError            a value outside its range (name, value, range and unit are attributes)
 │   └── MeasurementError   measurements that are empty, unsorted or from the future
 ├── CannotStopError        brake and adhesion cannot hold the train on the gradient
+├── UnreachableError       a plan that breaks a limit (constraint, shortfall and unit attached)
 ├── EvidenceError          a claim the trials at hand do not support
+├── MissingExtraError      an optional dependency that is not installed
 └── FileError              a file that cannot be read as what it should be
 """
 
@@ -46,6 +48,26 @@ class CannotStopError(RailOpsError, ValueError):
     def __init__(self, message: str, advice: Any = None) -> None:
         self.advice = advice
         super().__init__(message)
+
+
+class UnreachableError(RailOpsError, ValueError):
+    """A request that no plan can meet.
+
+    Attributes:
+        constraint: The limit that cannot be kept.
+        shortfall: By how much, in ``unit``; NaN where no plan was found at all.
+        unit: Unit of the shortfall.
+    """
+
+    def __init__(
+        self, message: str, constraint: str, shortfall: float = math.nan, unit: str = ""
+    ) -> None:
+        self.constraint, self.shortfall, self.unit = constraint, shortfall, unit
+        super().__init__(message)
+
+
+class MissingExtraError(RailOpsError, ImportError):
+    """An optional dependency is not installed; the message names the extra that brings it."""
 
 
 class EvidenceError(RailOpsError, ValueError):

@@ -55,15 +55,15 @@ class DataConfig:
 
 
 def _join(folders: list[str], scenes: list[int], limit: int, what: str) -> JoinedSource:
-    sources: list[FolderSource | SceneSource] = [FolderSource(Path(f), limit or None) for f in folders]
+    sources: list[FolderSource | SceneSource] = [
+        FolderSource(Path(f), limit or None) for f in folders
+    ]
     if scenes:
         if len(scenes) != 2 or scenes[1] < 1:
             raise BadInputError(f"data.{what}_scenes must be [first seed, count], got {scenes}")
         sources.append(SceneSource(*scenes))
     if not sources:
-        raise BadInputError(
-            f"no data to {what} on: set data.{what}_folders or data.{what}_scenes"
-        )
+        raise BadInputError(f"no data to {what} on: set data.{what}_folders or data.{what}_scenes")
     return JoinedSource(sources)
 
 

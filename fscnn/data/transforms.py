@@ -29,8 +29,10 @@ class RailCrop(albumentations.DualTransform):
         rail_share: Fraction of windows that must contain a rail pixel, where the mask has one.
     """
 
-    _targets = (albumentations.core.type_definitions.Targets.IMAGE,
-                albumentations.core.type_definitions.Targets.MASK)
+    _targets = (
+        albumentations.core.type_definitions.Targets.IMAGE,
+        albumentations.core.type_definitions.Targets.MASK,
+    )
 
     def __init__(
         self,
@@ -110,7 +112,9 @@ def training_transform(
             a.OneOf(
                 [
                     a.ColorJitter(
-                        brightness=(0.6, 1.4), contrast=(0.6, 1.4), saturation=(0.4, 1.6),
+                        brightness=(0.6, 1.4),
+                        contrast=(0.6, 1.4),
+                        saturation=(0.4, 1.6),
                         hue=(-0.04, 0.04),
                     ),
                     a.RandomBrightnessContrast(0.3, 0.3),

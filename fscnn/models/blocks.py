@@ -37,9 +37,7 @@ class Residual(nn.Module):
             conv_norm(inputs, outputs, stride=stride), conv_norm(outputs, outputs, activate=False)
         )
         same = inputs == outputs and stride == 1
-        self.skip = (
-            nn.Identity() if same else conv_norm(inputs, outputs, 1, stride, activate=False)
-        )
+        self.skip = nn.Identity() if same else conv_norm(inputs, outputs, 1, stride, activate=False)
 
     def forward(self, features: Tensor) -> Tensor:
         """Map (N, inputs, H, W) to (N, outputs, H / stride, W / stride)."""

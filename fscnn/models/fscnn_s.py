@@ -100,9 +100,7 @@ class FscnnS(nn.Module):
         up8, up4, up2 = config.decoder
         thin = config.expansion
         self.stem = conv_norm(3, w2, 3, 2)
-        self.stage4 = nn.Sequential(
-            Residual(w2, w4, 2), *(Residual(w4, w4) for _ in range(n4 - 1))
-        )
+        self.stage4 = nn.Sequential(Residual(w2, w4, 2), *(Residual(w4, w4) for _ in range(n4 - 1)))
         self.stage8 = nn.Sequential(
             Residual(w4, w8, 2), *(InvertedResidual(w8, w8, 1, thin) for _ in range(n8 - 1))
         )

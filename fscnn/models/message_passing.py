@@ -53,16 +53,26 @@ class _FourDirections(nn.Module):
         """Args: ``channels`` C of the input; ``taps`` k of each kernel, odd."""
         super().__init__()
         if channels < 1 or taps < 1 or taps % 2 == 0:
-            raise ValueError(f"message passing needs channels >= 1 and odd taps, got {channels}, {taps}")
+            raise ValueError(
+                f"message passing needs channels >= 1 and odd taps, got {channels}, {taps}"
+            )
         self.vertical = nn.Parameter(torch.empty(2, channels, channels, taps))
         self.horizontal = nn.Parameter(torch.empty(2, channels, channels, taps))
         self.form = "fast"
+        self._bounds = True
         for kernel in (self.vertical, self.horizontal):
             nn.init.normal_(kernel, std=INITIAL_GAIN * math.sqrt(2 / (taps * channels)))
 
+    def freeze(self) -> None:
+        """Bound the kernels once and for all and use the export form; for inference only."""
+        with torch.no_grad():
+            for kernels in (self.vertical, self.horizontal):
+                kernels.copy_(bounded(kernels))
+        self.form, self._bounds = "export", False
+
     def _pass(self, features: Tensor, axis: Axis) -> tuple[Tensor, Tensor]:
-        kernels = bounded(self.vertical if axis == "vertical" else self.horizontal)
-        return FORMS[self.form](features, kernels, axis)
+        kernels = self.vertical if axis == "vertical" else self.horizontal
+        return FORMS[self.form](features, bounded(kernels) if self._bounds else kernels, axis)
 
 
 class FoldedMessagePassing(_FourDirections):

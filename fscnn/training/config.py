@@ -157,4 +157,6 @@ def _checked(wanted: Any, value: Any, name: str) -> Any:
             (item,) = typing.get_args(wanted)
             return [_checked(item, part, f"{name}[{i}]") for i, part in enumerate(value)]
         return value
-    raise BadInputError(f"{name} must be of type {getattr(wanted, '__name__', wanted)}, got {value!r}")
+    raise BadInputError(
+        f"{name} must be of type {getattr(wanted, '__name__', wanted)}, got {value!r}"
+    )

@@ -71,7 +71,9 @@ def exported(checkpoint: Path) -> tuple[Path, dict[str, object]]:
     out = checkpoint.with_name("net.onnx")
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        status = main([str(checkpoint), "--out", str(out), "--size", "96x64", "--scenes", "1", "--json"])
+        status = main(
+            [str(checkpoint), "--out", str(out), "--size", "96x64", "--scenes", "1", "--json"]
+        )
     assert status == 0
     return out, json.loads(printed.getvalue())
 
@@ -116,9 +118,7 @@ def test_metrics_are_the_same_from_both(
 def test_any_batch(exported: tuple[Path, dict[str, object]]) -> None:
     import onnxruntime
 
-    session = onnxruntime.InferenceSession(
-        str(exported[0]), providers=["CPUExecutionProvider"]
-    )
+    session = onnxruntime.InferenceSession(str(exported[0]), providers=["CPUExecutionProvider"])
     images = np.stack([draw(seed)[0] for seed in range(3)])
     together = session.run(None, {"image": images})
     for i, image in enumerate(images):
@@ -177,9 +177,7 @@ class Stubborn(nn.Module):
 
 
 def test_disagreement_is_found(exported: tuple[Path, dict[str, object]]) -> None:
-    agreement, difference = compare(
-        Stubborn(), Segmenter.load(exported[0]), (draw(0)[0],)
-    )
+    agreement, difference = compare(Stubborn(), Segmenter.load(exported[0]), (draw(0)[0],))
     assert agreement < 0.9
     assert difference > 1
 

@@ -11,9 +11,7 @@ from railinspect.labels import RAIL_RAISED, SKY, TRACKBED
 Image = npt.NDArray[np.uint8]
 
 
-def draw(
-    seed: int, width: int = 96, height: int = 64, rail_px: int = 4
-) -> tuple[Image, Image]:
+def draw(seed: int, width: int = 96, height: int = 64, rail_px: int = 4) -> tuple[Image, Image]:
     """Image and mask: rails ``rail_px`` wide at the bottom and half of that at the horizon."""
     rng = np.random.default_rng(seed)
     image = np.empty((height, width, 3), np.uint8)

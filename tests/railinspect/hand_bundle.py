@@ -77,9 +77,7 @@ def model(
             helper.make_tensor("nineteen", kind, [1], [19]),
         ],
     )
-    return helper.make_model(
-        graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10
-    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 20)], ir_version=10)
 
 
 def bundle(

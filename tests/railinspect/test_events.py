@@ -177,6 +177,26 @@ def test_a_fragment_with_a_wrong_range_joins_its_whole():
     assert event.closest_range_m == pytest.approx(10.4, abs=1.0)
 
 
+@pytest.mark.parametrize("speed_known", [True, False])
+def test_a_distortion_whose_worst_part_moves_along_it_is_one_event(speed_known):
+    ride = Ride(speed_known)
+    index = 0
+    while (range_m := 45.0 - ride.chainage_m()) > 6:
+        shown = range_m + (0.0, 7.0, 3.0, 9.0)[index // 3 % 4]
+        hidden = 18 < index < 26
+        ride.show(*([] if hidden else [seen(shown, "distortion", size_m=(1.6, 0.3))]))
+        index += 1
+    assert len(ride.events()) == 1
+
+
+def test_two_distortions_far_apart_are_two_events():
+    ride = Ride()
+    while ride.chainage_m() < 85:
+        ranges = [at - ride.chainage_m() for at in (50.0, 90.0)]
+        ride.show(*(seen(r, "distortion", size_m=(1.6, 0.3)) for r in ranges if 8 < r < 55))
+    assert len(ride.events()) == 2
+
+
 def test_without_any_range_boxes_alone_hold_an_event_together():
     ride = Ride(speed_known=False)
     for index in range(40):

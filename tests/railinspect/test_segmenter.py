@@ -14,7 +14,6 @@ from railinspect.labels import CLASSES
 from railinspect.segmenter import Segmenter, verify
 from tests.railinspect.hand_bundle import SIZE_WH, bundle, golden_outputs, metadata, model
 
-
 GOLDEN_SUM = 111840107
 """Sum of all values of the golden image of 640 × 368."""
 
@@ -112,7 +111,9 @@ def test_verify_judges_by_agreement_where_bytes_differ() -> None:
 
 def test_verify_fails_another_graph() -> None:
     changed = model()
-    changed.graph.initializer[1].CopyFrom(helper.make_tensor("nineteen", TensorProto.UINT8, [1], [7]))
+    changed.graph.initializer[1].CopyFrom(
+        helper.make_tensor("nineteen", TensorProto.UINT8, [1], [7])
+    )
     result = verify(Segmenter(bundle(changed)), repeats=0)
     assert (result.identical, result.passed) == (False, False)
 
@@ -140,7 +141,10 @@ def test_golden_image_is_what_it_was() -> None:
         (bundle(golden_input="else"), "made for other golden input"),
         (bundle(input_size_wh=(64, 32)), "disagrees with its metadata"),
         (bundle(model(input_name="picture")), "disagrees with its metadata"),
-        (bundle(model(kind=TensorProto.INT32)), r"image is tensor\(int32\), expected tensor\(uint8\)"),
+        (
+            bundle(model(kind=TensorProto.INT32)),
+            r"image is tensor\(int32\), expected tensor\(uint8\)",
+        ),
     ],
     ids=range(13),
 )

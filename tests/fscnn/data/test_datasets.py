@@ -43,7 +43,11 @@ def one_image(tmp_path: Path) -> str:
 
 def config(folder: str, workers: int) -> DataConfig:
     return DataConfig(
-        train_folders=[folder], val_folders=[folder], crop_wh=[48, 32], batch_size=2, workers=workers
+        train_folders=[folder],
+        val_folders=[folder],
+        crop_wh=[48, 32],
+        batch_size=2,
+        workers=workers,
     )
 
 

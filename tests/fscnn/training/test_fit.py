@@ -17,12 +17,15 @@ from fscnn.training.module import SegmentationModule
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
 
-TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, dropout: 0}"
+TINY = (
+    "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, "
+    "dropout: 0}"
+)
 
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
     if not (folder / "set").exists():
-        write_set(folder / "set", 8, rail_px=12)
+        write_set(folder / "set", 8, rail_px=16)
     return load(
         None,
         [
@@ -132,8 +135,12 @@ def test_some_limit_is_needed(tmp_path: Path) -> None:
 
 
 def test_diverging_run_stops_and_says_why(tmp_path: Path) -> None:
-    config = tiny_run(tmp_path, "schedule.max_steps=60", "optimiser.rate=1e30", "optimiser.clip=1e30")
-    with pytest.raises(DivergedError, match=r"not finite at step \d+: (weight|layer) .*lower optimiser"):
+    config = tiny_run(
+        tmp_path, "schedule.max_steps=60", "optimiser.rate=1e30", "optimiser.clip=1e30"
+    )
+    with pytest.raises(
+        DivergedError, match=r"not finite at step \d+: (weight|layer) .*lower optimiser"
+    ):
         fit(config)
 
 
@@ -169,7 +176,7 @@ def test_pickle_pretending_to_be_a_checkpoint(tmp_path: Path) -> None:
 def test_checkpoints_of_others(tmp_path: Path, overfitted: tuple[Path, dict[str, float]]) -> None:
     path = tmp_path / "other.ckpt"
     torch.save({"state_dict": {}}, path)
-    with pytest.raises(BadInputError, match="was not written by train.py"):
+    with pytest.raises(BadInputError, match=r"was not written by train\.py"):
         checkpoint.load(path)
     held = torch.load(overfitted[0] / "run" / "last.ckpt", weights_only=True)
     held["fscnn"]["settings"]["message_channels"] = 16

@@ -8,18 +8,19 @@ from hypothesis import strategies as st
 
 from railinspect.sinks.json_lines import JsonLines, read_json_lines
 
+names = st.text(st.characters(codec="utf-8"), max_size=8)
 values = st.recursive(
     st.none()
     | st.booleans()
     | st.integers()
     | st.floats(allow_nan=False, allow_infinity=False)
     | st.text(st.characters(codec="utf-8")),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
-    max_leaves=8,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=3),
+    max_leaves=4,
 )
 
 
-lines = st.lists(st.dictionaries(st.text(st.characters(codec="utf-8"), max_size=8), values))
+lines = st.lists(st.dictionaries(names, values, max_size=3), max_size=5)
 
 
 @settings(max_examples=40)

@@ -1,0 +1,108 @@
+"""V-detectors: negative selection with variable radii, the modern rival of the moving detectors.
+
+After Ji and Dasgupta (Real-valued negative selection algorithm with variable-sized detectors, GECCO
+2004): a candidate centre is drawn evenly over the space; if it is covered already it only counts as
+evidence of coverage, otherwise it becomes a detector as large as the safe samples allow,
+r_d = D(nearest safe) − r_s. Training ends when enough candidates in a row were covered, or at a
+given number of detectors. By construction no detector reaches a safe sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from railops.crossing.coverage import trials_in_a_row
+from railops.crossing.detectors import DetectorSet, Units, coordinates, extent
+from railops.crossing.situation import DIMENSIONS, Situation, as_points
+from railops.errors import DomainError, check_range
+
+_BATCH = 256
+_MOST_DRAWS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """When to stop, and how close detectors may come to safe samples.
+
+    Attributes:
+        self_radius: r_s in the coordinates of ``units``; the thesis's 0.2, taken in the unit cube.
+        detectors: Largest number of detectors.
+        coverage: Share of the space outside the safe balls that has to be covered, in (0, 1).
+        confidence: Confidence of the coverage test.
+        units: The unit cube, or raw.
+    """
+
+    self_radius: float = 0.2
+    detectors: int = 1000
+    coverage: float = 0.997
+    confidence: float = 0.95
+    units: Units = "scaled"
+
+    def __post_init__(self) -> None:
+        check_range("self_radius", self.self_radius, 0.0, 1e4)
+        check_range("detectors", self.detectors, 1, 100_000)
+        check_range("coverage", self.coverage, 0.0, 1.0 - 1e-9, above=True)
+        check_range("confidence", self.confidence, 0.0, 1.0 - 1e-9, above=True)
+
+
+def train(
+    safe: npt.ArrayLike | list[Situation], seed: int, settings: Settings | None = None
+) -> DetectorSet:
+    """Grow V-detectors around safe situations.
+
+    Args:
+        safe: The safe situations ("self"), in their own units, shape (N, 8), N >= 1.
+        seed: Seed of the random numbers, kept in the result.
+        settings: When to stop; by default at 99.7 % coverage or 1000 detectors.
+
+    Raises:
+        DomainError: if there is no safe situation, one leaves the space, or the safe balls leave
+            no room for a detector.
+
+    Example:
+        >>> from railops.crossing.published import ALARMED, ANTIGENS, SELF
+        >>> detectors = train(SELF, seed=1)
+        >>> int((detectors.judge(ANTIGENS[:ALARMED]) >= 0).sum())
+        11
+    """
+    chosen = settings or Settings()
+    points = as_points(safe)
+    if len(points) == 0:
+        raise DomainError("safe", "no situations", "at least one safe situation to learn from")
+    kept = coordinates(points, chosen.units)
+    tree = KDTree(kept)
+    rng = np.random.default_rng(seed)
+    far = extent(chosen.units)
+    enough = trials_in_a_row(chosen.coverage, chosen.confidence)
+    centres, radii = np.empty((0, DIMENSIONS)), np.empty(0)
+    in_a_row, outside = 0, 0
+    candidates, rooms = np.empty((0, DIMENSIONS)), np.empty(0)
+    for drawn in range(_MOST_DRAWS):
+        if drawn % _BATCH == 0:
+            candidates = rng.random((_BATCH, DIMENSIONS)) * far
+            rooms = np.asarray(tree.query(candidates)[0]) - chosen.self_radius
+        candidate, room = candidates[drawn % _BATCH], rooms[drawn % _BATCH]
+        if room <= 0.0:
+            if drawn >= 10_000 and not outside:
+                break
+            continue
+        outside += 1
+        if (((centres - candidate) ** 2).sum(axis=1) < radii * radii).any():
+            in_a_row += 1
+            if in_a_row >= enough:
+                break
+            continue
+        in_a_row = 0
+        centres = np.concatenate([centres, candidate[None, :]])
+        radii = np.append(radii, room)
+        if len(radii) >= chosen.detectors:
+            break
+    if len(radii) == 0:
+        raise DomainError(
+            "self_radius", chosen.self_radius, "small enough to leave room for a detector"
+        )
+    return DetectorSet(centres, radii, chosen.self_radius, "V-detectors", seed, chosen.units)

@@ -1,0 +1,17 @@
+"""Drawing the detector space."""
+
+from pathlib import Path
+
+import cv2
+
+from railops.crossing import projections, vdetector
+from railops.crossing.published import ANTIGENS, SELF
+
+
+def test_both_published_pairs_are_drawn(tmp_path: Path) -> None:
+    few = vdetector.train(SELF, 1, vdetector.Settings(detectors=5))
+    projections.draw(tmp_path / "space.png", few, SELF, ANTIGENS)
+    picture = cv2.imread(str(tmp_path / "space.png"))
+    assert picture is not None
+    assert picture.shape[1] > 1.5 * picture.shape[0]
+    assert (picture.min(axis=2) < 200).any()
