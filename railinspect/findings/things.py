@@ -36,7 +36,11 @@ def find_things(
     table = np.zeros(256, np.uint8)
     table[list(limits.foreign)] = 1
     table[HUMAN] = 2
-    kind = cv2.LUT(labels, table)
+    low = cv2.LUT(labels[first:], table)
+    widest = max(limits.person_clearance_m, limits.clearance_m)
+    if not (low[_corridor(track, used, widest)[first:] > 0]).any():
+        return []
+    kind = np.concatenate([cv2.LUT(labels[:first], table), low]) if first else low
     found: list[Finding] = []
     for code, clearance in ((2, limits.person_clearance_m), (1, limits.clearance_m)):
         # People hide things and things hide people: neither ends in a foot on the other.
@@ -80,6 +84,26 @@ def find_things(
                 lateral[part],
             )
     return found
+
+
+def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:
+    """Mask of everything up to ``half_m`` from the centre line on the plane, a little widened."""
+    path = track.path
+    assert path is not None
+    width, height = track.camera.size_wh
+    normal = np.stack([-np.sin(path.heading_rad), np.cos(path.heading_rad)], axis=1)[used]
+    level = np.zeros((len(normal), 1))
+    sides = [
+        track.camera.project(np.hstack([path.xy_m[used] + side * half_m * normal, level]))
+        for side in (1.0, -1.0)
+    ]
+    outline = track.camera.distort(np.concatenate([sides[0], sides[1][::-1]]))
+    outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
+    mask = np.zeros((height, width), np.uint8)
+    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
+    cv2.fillPoly(mask, [points], 1)
+    cv2.polylines(mask, [points], True, 1, 5)
+    return mask
 
 
 def _feet(

@@ -275,7 +275,9 @@ def _check(segmentation: SegmentationLike) -> None:
         raise BadInputError(
             f"segmentation planes differ in size: labels {labels.shape}, rail_score {score.shape}"
         )
-    strange = int(labels[labels != VOID].max(initial=0))
+    strange = int(labels.max())
+    if strange == VOID:
+        strange = int(labels[labels != VOID].max(initial=0))
     if strange >= len(CLASSES):
         raise BadInputError(
             f"segmentation holds class id {strange}; ids are 0 to {len(CLASSES) - 1} and {VOID}"

@@ -123,7 +123,7 @@ def search(
     pairs = [
         pair
         for pair in pairs_of(lines, bottom, prior, limit=6)
-        if not _crosses(score, level, pair, bottom, settings.low)
+        if state.pair is not None or not _crosses(score, level, pair, bottom, settings.low)
     ][:3]
     if state.pair is not None:
         # Beginning points move by at most Δ_b; where none is found that near, the last stay.
