@@ -1,8 +1,9 @@
 """Following the ego track: beginning points, vanishing point, region growing, smooth track."""
 
-from railinspect.track.follower import FollowerState, TrackFollower
+from railinspect.track.follower import TrackFollower
 from railinspect.track.geometry import Gap, RailProfile, TrackGeometry, TrackPath
 from railinspect.track.settings import FollowerSettings
+from railinspect.track.state import FollowerState
 
 __all__ = [
     "FollowerSettings",

@@ -109,9 +109,8 @@ def _vote(
         for a in range(first, last + 1):
             c = ((x - t * (a0 + a * da)) / (1.0 - t + 1e-3) - c0) / dc
             if t > 0.999:  # at the very bottom X there is the line's, whatever its slope
-                c = (
-                    heading + (a0 + a * da - heading) * (top - horizon) / (bottom - horizon) - c0
-                ) / dc
+                share = (top - horizon) / (bottom - horizon)
+                c = (heading + (a0 + a * da - heading) * share - c0) / dc
             if not 0.0 <= c < n_c - 1.0:
                 continue
             j = int(c)

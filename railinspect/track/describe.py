@@ -34,7 +34,7 @@ STOPS = {
 }
 
 
-_FIT_ROWS = 120
+_FIT_STEP_M = 0.3
 
 
 @dataclass(frozen=True)
@@ -97,23 +97,22 @@ def describe(
     )
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
-    under = np.zeros(1)
-    heading0 = math.atan(float(smooth.slope(under)[0]))
-    y0 = float(smooth.y(under)[0])
+    y_under, slope_under, _ = smooth.along(np.zeros(1))
+    heading0, y0 = math.atan(float(slope_under[0])), float(y_under[0])
     offset = -y0 * math.cos(heading0)
     camera = replace(level.tilted_camera(), yaw_rad=-heading0, offset_m=offset)
-    path = _path(level, growth, smooth, path_x, heading0, offset)
+    path, places = _path(level, growth, smooth, path_x, heading0, offset)
     m = len(path_x)
     metre = centres.metre_px
     noise = _noise_px(residual * metre[:, None], seen & ~doubtful, 0.3 * scale)
     profile = RailProfile(
         path.chainage_m[:m], residual, metre, centres.peak, doubtful, centres.uv, noise
     )
-    left, right = _polylines(level, centres, smooth, seen)
+    left, right = _polylines(level.camera, centres, places, seen)
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0
     cover = min(
-        float(np.count_nonzero(seen[:, i])) / max(1.0, float(np.count_nonzero(inside[:, i])))
+        float(np.count_nonzero(seen[:, i])) / max(1, int(np.count_nonzero(inside[:, i])))
         for i in range(2)
     )
     gaps = _gaps(path, seen, inside, centres, growth, scale)
@@ -181,16 +180,20 @@ def _smooth(
     sigma = np.hypot(0.7 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
     sides = np.broadcast_to(side, rail_x.shape)
     start = float(np.median(half[: max(4, len(half) // 3)]))
-    fitted = seen.copy()
-    if len(seen) > _FIT_ROWS:  # every other row: neighbours say nearly the same
-        fitted[1::2] = False
+    # Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
+    # the weight of those it stands for.
+    place = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))]) // _FIT_STEP_M
+    first = np.concatenate([[True], np.diff(place) > 0])
+    counts = np.diff(np.append(np.flatnonzero(first), len(first)))
+    sigma[first] /= np.sqrt(counts)[:, None]
+    fitted = seen & first[:, None]
     smooth = fit_smooth(
         rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness
     )
     flat = rail_x.ravel()
-    slope = smooth.slope(flat)
+    centre, slope, spread = smooth.along(flat)
     lean = np.sqrt(1.0 + slope**2)
-    model = smooth.y(flat) + sides.ravel() * smooth.half_spacing(flat) * lean
+    model = centre + sides.ravel() * spread * lean
     residual = ((rail_y.ravel() - model) / lean).reshape(rail_x.shape)
     return smooth, np.where(seen, residual, np.nan)
 
@@ -210,26 +213,27 @@ def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
 
 def _path(
     level: Level, growth: Growth, smooth: SmoothTrack, x_seen: Array, heading0: float, offset: float
-) -> TrackPath:
-    """Sample the smooth track, continued beyond the last sight with its last curvature."""
+) -> tuple[TrackPath, Array]:
+    """Sample the smooth track, continued beyond the last sight with its last curvature.
+
+    Returns:
+        The path, and the pixels of its left and right rail, shape (2, M, 2).
+    """
     far = float(x_seen[-1])
     nodes = growth.nodes[growth.last - 1 :]
     beyond_to = max(1.6 * far, float(nodes[-1, growing.X]))
     beyond = far * np.exp(np.linspace(0.02, math.log(beyond_to / far), 24))
     x = np.concatenate([x_seen, beyond])
-    slope = smooth.slope(x)
-    y = smooth.y(x)
+    y, slope, half = smooth.along(x)
     step = np.hypot(np.diff(x), np.diff(y))
     approach = np.linspace(0.0, float(x[0]), 9)
     before = float(np.hypot(np.diff(approach), np.diff(smooth.y(approach))).sum())
     chainage = before + np.concatenate([[0.0], np.cumsum(step)])
-    uv = level.pixels(np.stack([x, y], axis=1))
     heading = np.arctan(slope)
-    half = smooth.half_spacing(x)
     normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half[:, None]
     centre = np.stack([x, y], axis=1)
-    ends = level.pixels(np.stack([centre + normal, centre - normal]))
-    span = (ends[0] - ends[1]) / (2 * half)[:, None]
+    uv, left, right = level.pixels(np.stack([centre, centre + normal, centre - normal]))
+    span = (left - right) / (2 * half)[:, None]
     metre = np.hypot(*span.T)
     run = np.gradient(uv, axis=0)
     run /= np.hypot(*run.T)[:, None] + 1e-12
@@ -237,24 +241,17 @@ def _path(
     cos_h, sin_h = math.cos(heading0), math.sin(heading0)
     world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
     seen = np.arange(len(x)) < len(x_seen)
-    return TrackPath(world, heading - heading0, half, chainage, uv, metre, across, seen)
+    path = TrackPath(world, heading - heading0, half, chainage, uv, metre, across, seen)
+    return path, np.stack([left, right])
 
 
-def _polylines(
-    level: Level, centres: Centres, smooth: SmoothTrack, seen: Bools
-) -> tuple[Array, Array]:
+def _polylines(camera: Camera, centres: Centres, places: Array, seen: Bools) -> tuple[Array, Array]:
     """Rail polylines, top to bottom: measured where seen, the smooth track's in the holes."""
-    width, height = level.camera.size_wh
-    x = centres.path[:, 0]
-    heading = np.arctan(smooth.slope(x))
-    half = smooth.half_spacing(x)
-    y = smooth.y(x)
+    width, height = camera.size_wh
     lines = []
-    for rail, side in enumerate((1.0, -1.0)):
-        place = np.stack([x - side * half * np.sin(heading), y + side * half * np.cos(heading)], 1)
-        uv = np.where(seen[:, rail : rail + 1], centres.uv[:, rail], level.pixels(place))
+    for rail in range(2):
         last = np.flatnonzero(seen[:, rail])[-1] + 1
-        uv = uv[:last]
+        uv = np.where(seen[:last, rail, None], centres.uv[:last, rail], places[rail, :last])
         inside = (uv[:, 0] >= 0) & (uv[:, 0] <= width - 1) & (uv[:, 1] >= 0)
         inside &= uv[:, 1] <= height - 1
         lines.append(uv[inside][::-1].copy())

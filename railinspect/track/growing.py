@@ -189,7 +189,7 @@ def _grow(
         steps = 2 * math.ceil(reach * metre / step_px) + 1
         steps = max(7, min(_MAX_SHIFTS, steps))
         grid = 2.0 * reach / (steps - 1)
-        n_rows = int(max(3, min(_MAX_ROWS, round(s_from - s_to) + 1)))
+        n_rows = max(3, min(_MAX_ROWS, round(s_from - s_to) + 1))
         left_in, right_in = 0, 0
         for j in range(n_rows):
             s_j = s_from + (s_to - s_from) * (j + 0.5) / n_rows

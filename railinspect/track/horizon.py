@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -83,6 +84,28 @@ def prior_horizon(camera: Camera, calibrated: bool) -> Horizon:
     return Horizon(row, growth, np.diag([row_std**2, growth_std**2]))
 
 
+@numba.njit(cache=True)
+def _line(rows: Array, spacing: Array, noise: float) -> tuple[float, float, float, float, Array]:
+    """Robust line ``level + slope·(row − centre)``: centre, level, slope, scatter, cofactors."""
+    centre = rows.mean()
+    below = rows - centre
+    weight = np.ones(rows.shape[0])
+    level, slope, scale = 0.0, 0.0, noise
+    cofactors = np.zeros((2, 2))
+    for _ in range(3):
+        g00, g01, g11 = weight.sum(), (weight * below).sum(), (weight * below * below).sum()
+        h0, h1 = (weight * spacing).sum(), (weight * below * spacing).sum()
+        determinant = g00 * g11 - g01 * g01
+        level = (g11 * h0 - g01 * h1) / determinant
+        slope = (g00 * h1 - g01 * h0) / determinant
+        cofactors[0, 0], cofactors[1, 1] = g11 / determinant, g00 / determinant
+        cofactors[0, 1] = cofactors[1, 0] = -g01 / determinant
+        residual = spacing - level - slope * below
+        scale = max(noise, 1.4826 * np.median(np.abs(residual)))
+        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
+    return centre, level, slope, scale, cofactors
+
+
 def fit_growth(
     rows_px: Array, spacing_px: Array, noise_px: float, correlated: float = 8.0
 ) -> tuple[float, float, Array] | None:
@@ -99,18 +122,10 @@ def fit_growth(
     """
     if len(rows_px) < 12 or np.ptp(rows_px) < 12 * noise_px:
         return None
-    centre = rows_px.mean()
-    design = np.stack([np.ones_like(rows_px), rows_px - centre], axis=1)
-    weight = np.ones_like(rows_px)
-    for _ in range(3):
-        gram = design.T @ (weight[:, None] * design)
-        level, slope = np.linalg.solve(gram, design.T @ (weight * spacing_px))
-        residual = spacing_px - design @ np.array([level, slope])
-        scale = max(noise_px, 1.4826 * float(np.median(np.abs(residual))))
-        weight = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
+    centre, level, slope, scale, line = _line(rows_px, spacing_px, noise_px)
     if slope <= 0.02:
         return None
-    line = np.linalg.inv(gram) * scale**2 * correlated
+    line = line * (scale**2 * correlated)
     # Y_h = centre − level/slope, k = slope
     jacobian = np.array([[-1.0 / slope, level / slope**2], [0.0, 1.0]])
     return float(centre - level / slope), float(slope), jacobian @ line @ jacobian.T

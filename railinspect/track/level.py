@@ -86,8 +86,8 @@ class Level:
         c = self.camera
         shifted = c.undistort(pixels_uv) - np.array(c.principal_uv)
         cr, sr = math.cos(c.roll_rad), math.sin(c.roll_rad)
-        levelled: Array = shifted @ np.array([[cr, sr], [-sr, cr]])
-        return levelled
+        turned: Array = shifted @ np.array([[cr, sr], [-sr, cr]])
+        return turned
 
     def to_pixels(self, level_xy: npt.ArrayLike) -> Array:
         """Input pixels of levelled (X, Y), shape (..., 2)."""
@@ -149,7 +149,8 @@ def x_at(cam: Array, s: float) -> float:
     """Ground distance ahead x, metres, of a levelled row s pixels below the horizon."""
     f, h = cam[FOCAL], cam[HEIGHT]
     tan_t = -cam[HORIZON] / f
-    return float(f * h * (1.0 + tan_t * tan_t) / s - h * tan_t)
+    x: float = f * h * (1.0 + tan_t * tan_t) / s - h * tan_t
+    return x
 
 
 @numba.njit(cache=True, inline="always")
@@ -163,4 +164,5 @@ def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
-    return float(top * (1.0 - b) + low * b)
+    value: float = top * (1.0 - b) + low * b
+    return value

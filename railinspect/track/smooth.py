@@ -3,8 +3,8 @@
 A track's curvature changes slowly: straight, transition, arc. The model is a centre line whose
 second derivative is piecewise linear with a prior on its rate of change (a clothoid piece by
 piece), plus half the spacing, constant but for a slow trend, which takes up gradients and
-errors of the horizon. Both rails are fitted at once by robust weighted least squares; what is
-left over is the rails' own shape: ripple, bulge, kink.
+errors of the horizon. Both rails are fitted at once by robust weighted least squares; what is left
+over is the rails' own shape: ripple, bulge, kink.
 """
 
 from __future__ import annotations
@@ -16,6 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+_HALF_SPREAD = 0.1
+"""Standard deviation of the half spacing about the expected one, relative."""
 
 
 @dataclass(frozen=True)
@@ -36,28 +39,30 @@ class SmoothTrack:
 
     def y(self, x_m: Array) -> Array:
         """Centre line's lateral position, metres, shape of ``x_m``."""
-        return centre_basis(x_m, self.knots_m) @ self.centre
+        return self.along(x_m)[0]
 
-    def slope(self, x_m: Array) -> Array:
-        """Centre line's dy/dx."""
-        return slope_basis(x_m, self.knots_m) @ self.centre
-
-    def half_spacing(self, x_m: Array) -> Array:
-        """Half the rails' spacing across the track, metres."""
-        return hat_basis(x_m, self.half_knots_m) @ self.half
+    def along(self, x_m: Array) -> tuple[Array, Array, Array]:
+        """Centre line y (m), its slope dy/dx, and half the rails' spacing across it (m)."""
+        centre, slope = centre_bases(x_m, self.knots_m)
+        half = hat_basis(x_m, self.half_knots_m)
+        return centre @ self.centre, slope @ self.centre, half @ self.half
 
 
+@numba.njit(cache=True)
 def hat_basis(x_m: Array, knots_m: Array) -> Array:
     """Piecewise-linear hats, constant outside the knots, shape (N, K)."""
-    if len(knots_m) == 1:
-        return np.ones((len(x_m), 1))
-    x = np.clip(x_m, knots_m[0], knots_m[-1])
-    at = np.clip(np.searchsorted(knots_m, x, side="right") - 1, 0, len(knots_m) - 2)
-    share = (x - knots_m[at]) / (knots_m[at + 1] - knots_m[at])
-    basis = np.zeros((len(x), len(knots_m)))
-    rows = np.arange(len(x))
-    basis[rows, at] = 1.0 - share
-    basis[rows, at + 1] = share
+    n, k = x_m.shape[0], knots_m.shape[0]
+    basis = np.zeros((n, k))
+    for i in range(n):
+        j = 0
+        while j + 2 < k and x_m[i] >= knots_m[j + 1]:
+            j += 1
+        if k == 1:
+            basis[i, 0] = 1.0
+            continue
+        share = (x_m[i] - knots_m[j]) / (knots_m[j + 1] - knots_m[j])
+        share = min(1.0, max(0.0, share))
+        basis[i, j], basis[i, j + 1] = 1.0 - share, share
     return basis
 
 
@@ -93,18 +98,13 @@ def _integrated_hats(x_m: Array, knots_m: Array) -> tuple[Array, Array]:
     return once, twice
 
 
-def centre_basis(x_m: Array, knots_m: Array) -> Array:
-    """y(x) = y₀ + y₀'·(x − x₀) + ∬ y'', shape (N, K + 2)."""
-    first = (x_m - knots_m[0])[:, None]
-    _, twice = _integrated_hats(x_m, knots_m)
-    return np.hstack([np.ones_like(first), first, twice])
-
-
-def slope_basis(x_m: Array, knots_m: Array) -> Array:
-    """y'(x) = y₀' + ∫ y'', shape (N, K + 2)."""
-    first = (x_m - knots_m[0])[:, None]
-    once, _ = _integrated_hats(x_m, knots_m)
-    return np.hstack([np.zeros_like(first), np.ones_like(first), once])
+def centre_bases(x_m: Array, knots_m: Array) -> tuple[Array, Array]:
+    """Bases of y(x) = y₀ + y₀'·(x − x₀) + ∬ y'' and of its slope, each of shape (N, K + 2)."""
+    n, k = len(x_m), len(knots_m)
+    centre, slope = np.zeros((n, k + 2)), np.zeros((n, k + 2))
+    centre[:, 0], centre[:, 1], slope[:, 1] = 1.0, x_m - knots_m[0], 1.0
+    slope[:, 2:], centre[:, 2:] = _integrated_hats(x_m, knots_m)
+    return centre, slope
 
 
 def _knots(near_m: float, far_m: float, first_m: float, growth: float) -> Array:
@@ -118,6 +118,14 @@ def _knots(near_m: float, far_m: float, first_m: float, growth: float) -> Array:
     return np.array(knots)
 
 
+def _differences(gram: Array, at: npt.NDArray[np.intp], weight: Array) -> None:
+    """Add Σ wⱼ·(pⱼ₊₁ − pⱼ)² over neighbouring parameters to a gram matrix."""
+    gram[at[:-1], at[:-1]] += weight
+    gram[at[1:], at[1:]] += weight
+    gram[at[:-1], at[1:]] -= weight
+    gram[at[1:], at[:-1]] -= weight
+
+
 def fit_smooth(
     x_m: Array,
     y_m: Array,
@@ -126,7 +134,7 @@ def fit_smooth(
     half_m: float,
     curvature: float = 1 / 150,
     rate: float = 1.2e-4,
-    trend: float = 0.25,
+    trend: float = 0.05,
     correlated: float = 8.0,
 ) -> SmoothTrack:
     """Fit both rails jointly.
@@ -149,46 +157,28 @@ def fit_smooth(
     knots = _knots(near, far, 12.0, 0.25)
     half_knots = _knots(near, far, 25.0, 0.8)
     n_c = len(knots) + 2
-    basis = centre_basis(x_m, knots)
-    lean_basis = slope_basis(x_m, knots)
+    basis, lean_basis = centre_bases(x_m, knots)
     hats = hat_basis(x_m, half_knots)
     lean = np.ones_like(x_m)
-    width = np.diff(knots)
-    # Priors as extra rows of the least squares.
     total = n_c + len(half_knots)
-    prior_rows: list[Array] = []
-    prior_target: list[float] = []
-    for j in range(len(knots)):
-        row = np.zeros(total)
-        row[2 + j] = 1.0 / curvature
-        prior_rows.append(row)
-        prior_target.append(0.0)
-    for j, step in enumerate(width):
-        row = np.zeros(total)
-        row[2 + j], row[3 + j] = -1.0, 1.0
-        prior_rows.append(row / (rate * step * np.sqrt(10.0 / step)))
-        prior_target.append(0.0)
-    for j in range(len(half_knots)):
-        row = np.zeros(total)
-        row[n_c + j] = 1.0 / (0.1 * half_m)
-        prior_rows.append(row)
-        prior_target.append(10.0)
-    for j in range(1, len(half_knots)):
-        row = np.zeros(total)
-        row[n_c + j - 1], row[n_c + j] = -1.0, 1.0
-        prior_rows.append(row / (trend * 0.2 * half_m))
-        prior_target.append(0.0)
-    prior = np.array(prior_rows)
-    prior_gram = prior.T @ prior
-    prior_pull = prior.T @ np.array(prior_target)
+    prior = np.zeros((total, total))  # gram matrix of the priors
+    pull = np.zeros(total)
+    at = np.arange(len(knots)) + 2
+    prior[at, at] += 1.0 / curvature**2
+    _differences(prior, at, 1.0 / (rate**2 * np.diff(knots) * 10.0))
+    at = np.arange(len(half_knots)) + n_c
+    prior[at, at] += 1.0 / (_HALF_SPREAD * half_m) ** 2
+    pull[at] = half_m / (_HALF_SPREAD * half_m) ** 2
+    _differences(prior, at, np.full(len(at) - 1, 1.0 / (trend * half_m) ** 2))
     weight = 1.0 / (sigma_m**2 * correlated)
     robust = np.ones_like(x_m)
     solution = np.zeros(total)
+    design = np.empty((len(x_m), total))
+    design[:, :n_c] = basis
     for turn in range(5):
-        design = np.hstack([basis, (side * lean)[:, None] * hats])
-        w = weight * robust
-        gram = design.T @ (w[:, None] * design) + prior_gram
-        solution = np.linalg.solve(gram, design.T @ (w * y_m) + prior_pull)
+        design[:, n_c:] = (side * lean)[:, None] * hats
+        weighted = design * (weight * robust)[:, None]
+        solution = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
         slope = lean_basis @ solution[:n_c]
         lean = np.sqrt(1.0 + slope**2)
         if turn:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from railinspect import labels as L
+from railinspect import labels
 from railinspect.camera import Camera
 
 Array = npt.NDArray[np.float64]
@@ -60,7 +60,7 @@ def rail_points(line: Array, across_m: Array | float) -> Array:
 def draw_rail(score: npt.NDArray[np.uint8], camera: Camera, line: Array, across: Array) -> None:
     """Paint one rail head, at least 2 px wide, antialiased."""
     centre = camera.distort(camera.project(rail_points(line, across)))
-    edge = camera.distort(camera.project(rail_points(line, across + L.RAIL_HEAD_WIDTH_M / 2)))
+    edge = camera.distort(camera.project(rail_points(line, across + labels.RAIL_HEAD_WIDTH_M / 2)))
     half = np.maximum(np.hypot(*(edge - centre).T), 1.0 * camera.size_wh[0] / 640)
     normal = np.stack([np.ones(len(centre)), np.zeros(len(centre))], 1)
     step = np.gradient(centre, axis=0)
@@ -99,12 +99,12 @@ def draw(
         from_m: Chainage where it starts.
     """
     width, height = camera.size_wh
-    masks = np.full((height, width), L.TERRAIN, np.uint8)
+    masks = np.full((height, width), labels.TERRAIN, np.uint8)
     rows = np.arange(height, dtype=float)
     cols = np.arange(width, dtype=float)
     grid = np.stack(np.meshgrid(cols, rows), axis=-1)
     ray = camera.ray(camera.undistort(grid))
-    masks[ray[..., 2] >= 0] = L.SKY
+    masks[ray[..., 2] >= 0] = labels.SKY
     line = centre_line(curvature, length_m)
     line = line[line[:, 0] >= from_m]
     if bend is None:  # far away, short steps are less than a pixel
@@ -119,12 +119,12 @@ def draw(
         outline = np.concatenate([left, right[::-1]])
         outline = outline[np.isfinite(outline).all(axis=1) & (np.abs(outline) < 30000).all(axis=1)]
         cv2.fillPoly(bed, [np.round(outline * 16).astype(np.int32)], 255, cv2.LINE_8, 4)
-        masks[(bed > 0) & (masks != L.SKY)] = L.TRACKBED
+        masks[(bed > 0) & (masks != labels.SKY)] = labels.TRACKBED
         half = camera.rail_spacing_m / 2
         displaced = shift if track == 0.0 else 0 * shift
         draw_rail(score, camera, line, track + half + displaced)
         draw_rail(score, camera, line, track - half + displaced)
-    masks[(score >= 128) & (masks != L.SKY)] = L.RAIL_RAISED
+    masks[(score >= 128) & (masks != labels.SKY)] = labels.RAIL_RAISED
     for thing in sorted(things, key=lambda t: -t.range_m):
         at = int(np.argmin(np.abs(line[:, 0] - thing.range_m)))
         foot = line[at : at + 1]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from railinspect import labels as L
+from railinspect import labels
 from railinspect.camera import Camera
 from railinspect.findings import Finding, find
 from railinspect.labels import GAUGES_M
@@ -54,14 +54,14 @@ def wave(at: float, length: float, amplitude: float, period: float = 0.0):
 @pytest.mark.parametrize(
     ("label", "kind"),
     [
-        (L.HUMAN, "trespasser"),
-        (L.CAR, "obstruction"),
-        (L.TRUCK, "obstruction"),
-        (L.CONSTRUCTION, "obstruction"),
-        (L.FENCE, "obstruction"),
-        (L.POLE, "obstruction"),
-        (L.TRAFFIC_SIGN, "obstruction"),
-        (L.ON_RAILS, "obstruction"),
+        (labels.HUMAN, "trespasser"),
+        (labels.CAR, "obstruction"),
+        (labels.TRUCK, "obstruction"),
+        (labels.CONSTRUCTION, "obstruction"),
+        (labels.FENCE, "obstruction"),
+        (labels.POLE, "obstruction"),
+        (labels.TRAFFIC_SIGN, "obstruction"),
+        (labels.ON_RAILS, "obstruction"),
     ],
 )
 @pytest.mark.parametrize("range_m", [15.0, 40.0, 80.0])
@@ -85,13 +85,13 @@ def test_things_on_the_track_are_found(label: int, kind: str, range_m: float) ->
 @pytest.mark.parametrize(
     ("thing", "inside"),
     [
-        (Thing(L.CONSTRUCTION, 30.0, 1.2, 0.6, 1.0), True),
-        (Thing(L.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0), False),
-        (Thing(L.CONSTRUCTION, 30.0, -2.6, 0.6, 3.0), False),
-        (Thing(L.HUMAN, 30.0, 1.5, 0.5, 1.8), True),
-        (Thing(L.HUMAN, 30.0, -2.7, 0.5, 1.8), False),
-        (Thing(L.POLE, 60.0, 3.2, 0.3, 8.0), False),
-        (Thing(L.ON_RAILS, 60.0, 4.2, 3.0, 3.8), False),
+        (Thing(labels.CONSTRUCTION, 30.0, 1.2, 0.6, 1.0), True),
+        (Thing(labels.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0), False),
+        (Thing(labels.CONSTRUCTION, 30.0, -2.6, 0.6, 3.0), False),
+        (Thing(labels.HUMAN, 30.0, 1.5, 0.5, 1.8), True),
+        (Thing(labels.HUMAN, 30.0, -2.7, 0.5, 1.8), False),
+        (Thing(labels.POLE, 60.0, 3.2, 0.3, 8.0), False),
+        (Thing(labels.ON_RAILS, 60.0, 4.2, 3.0, 3.8), False),
     ],
 )
 def test_the_envelope_is_metric(thing: Thing, inside: bool) -> None:
@@ -101,7 +101,7 @@ def test_the_envelope_is_metric(thing: Thing, inside: bool) -> None:
 
 
 def test_the_envelope_is_a_threshold() -> None:
-    masks = draw(camera(), 0.0, things=[Thing(L.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0)])
+    masks = draw(camera(), 0.0, things=[Thing(labels.CONSTRUCTION, 30.0, 2.6, 0.6, 1.0)])
     assert judge(masks, camera(), Thresholds(clearance_m=3.2))[1]
 
 
@@ -109,14 +109,14 @@ def test_what_hangs_over_the_track_is_no_obstacle() -> None:
     masks = draw(camera(), 0.0)
     marks = masks.labels.copy()
     horizon = int(camera().horizon_v())
-    marks[horizon - 60 : horizon - 50, 150:500] = L.POLE  # a gantry's beam
-    marks[: horizon - 50, 318:321] = L.POLE  # a wire down to it
+    marks[horizon - 60 : horizon - 50, 150:500] = labels.POLE  # a gantry's beam
+    marks[: horizon - 50, 318:321] = labels.POLE  # a wire down to it
     assert judge(dataclasses.replace(masks, labels=marks), camera())[1] == ()
 
 
 def test_a_mast_in_front_of_the_curve_behind_it_is_no_obstacle() -> None:
     # The mast stands 3 m inside a left-hand curve and covers the track farther on.
-    mast = Thing(L.POLE, 35.0, 3.0, 0.35, 8.0)
+    mast = Thing(labels.POLE, 35.0, 3.0, 0.35, 8.0)
     geometry, found = judge(draw(camera(), 1 / 250, things=[mast]), camera())
     assert found == ()
     assert geometry.path is not None
@@ -132,7 +132,7 @@ def test_a_platform_edge_along_the_track_is_no_obstacle() -> None:
     import cv2
 
     outline = np.round(np.concatenate([inner, upper[::-1]])).astype(np.int32)
-    cv2.fillPoly(marks, [outline], int(L.CONSTRUCTION))
+    cv2.fillPoly(marks, [outline], int(labels.CONSTRUCTION))
     assert judge(dataclasses.replace(masks, labels=marks), cam)[1] == ()
 
 
@@ -141,13 +141,13 @@ def test_arms_and_bags_belong_to_the_person() -> None:
         camera(),
         0.0,
         things=[
-            Thing(L.HUMAN, 20.0, 0.25, 0.18, 1.7),
-            Thing(L.HUMAN, 20.0, -0.1, 0.18, 1.7),
+            Thing(labels.HUMAN, 20.0, 0.25, 0.18, 1.7),
+            Thing(labels.HUMAN, 20.0, -0.1, 0.18, 1.7),
         ],
     )
     marks = masks.labels.copy()
-    rows, cols = np.nonzero(marks == L.HUMAN)
-    marks[rows.min() + 8 : rows.min() + 24, cols.min() - 6 : cols.max() + 7] = L.HUMAN
+    rows, cols = np.nonzero(marks == labels.HUMAN)
+    marks[rows.min() + 8 : rows.min() + 24, cols.min() - 6 : cols.max() + 7] = labels.HUMAN
     _, found = judge(dataclasses.replace(masks, labels=marks), camera())
     assert [f.type for f in found] == ["trespasser"]
 
@@ -157,8 +157,8 @@ def test_person_and_crate_are_two_findings_nearest_first() -> None:
         camera(),
         0.0,
         things=[
-            Thing(L.HUMAN, 22.0, -0.4, 0.5, 1.7),
-            Thing(L.CONSTRUCTION, 45.0, 0.4, 0.8, 0.8),
+            Thing(labels.HUMAN, 22.0, -0.4, 0.5, 1.7),
+            Thing(labels.CONSTRUCTION, 45.0, 0.4, 0.8, 0.8),
         ],
     )
     _, found = judge(masks, camera())
@@ -207,7 +207,7 @@ def test_a_hole_in_both_rails_with_rails_beyond_is_an_obstruction() -> None:
     masks = clear(0.0)
     score, marks = masks.rail_score.copy(), masks.labels.copy()
     score[235:260] = 0
-    marks[235:260][np.isin(marks[235:260], L.RAILS)] = L.TERRAIN
+    marks[235:260][np.isin(marks[235:260], labels.RAILS)] = labels.TERRAIN
     _, found = judge(Masks(marks, masks.confidence, score), camera())
     assert [f.type for f in found] == ["obstruction"]
     assert "interrupted" in found[0].evidence
@@ -253,7 +253,7 @@ def test_a_clear_track_never_yields_a_finding(
 @slow
 @given(
     hand=st.sampled_from([-1, 0, 1]),
-    label=st.sampled_from([L.HUMAN, L.CAR, L.CONSTRUCTION]),
+    label=st.sampled_from([labels.HUMAN, labels.CAR, labels.CONSTRUCTION]),
     range_m=st.floats(12, 60),
     aside=st.floats(-1.2, 1.2),
     width=st.floats(0.4, 2.0),
@@ -281,7 +281,7 @@ def test_a_thing_on_the_track_never_leaves_a_frame_clear(
     aside=st.floats(-1.2, 1.2),
 )
 def test_mirroring_mirrors_the_findings(curvature: float, range_m: float, aside: float) -> None:
-    masks = draw(camera(), curvature, things=[Thing(L.CONSTRUCTION, range_m, aside, 0.8, 1.0)])
+    masks = draw(camera(), curvature, things=[Thing(labels.CONSTRUCTION, range_m, aside, 0.8, 1.0)])
     one, other = judge(masks, camera())[1], judge(masks.mirrored(), camera())[1]
     assert [f.type for f in one] == [f.type for f in other]
     for a, b in zip(one, other, strict=True):

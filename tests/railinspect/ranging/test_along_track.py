@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from railinspect import labels as L
+from railinspect import labels
 from railinspect.camera import Camera, CameraStd
 from railinspect.findings import Finding, find
 from railinspect.ranging import Range, RangingSettings, range_of
@@ -44,7 +44,7 @@ def test_truth_lies_in_the_interval(
     range_m: float, aside: float, radius: float, height: float, fov: float, pitch: float
 ) -> None:
     cam = camera((640, 360), fov, height, pitch)
-    thing = Thing(L.CONSTRUCTION, range_m, aside, 0.9, 1.0)
+    thing = Thing(labels.CONSTRUCTION, range_m, aside, 0.9, 1.0)
     try:
         found, _, _ = ranged(cam, cam, 1 / radius, thing)
     except ValueError:
@@ -58,7 +58,7 @@ def test_truth_lies_in_the_interval(
 
 def test_a_foot_below_the_image_gives_an_upper_limit() -> None:
     cam = camera()
-    found, _, _ = ranged(cam, cam, 0.0, Thing(L.CAR, 5.0, 0.0, 1.8, 1.5))
+    found, _, _ = ranged(cam, cam, 0.0, Thing(labels.CAR, 5.0, 0.0, 1.8, 1.5))
     assert found is not None
     assert found.method.startswith("below the image")
     assert found.interval_m[0] == 0.0
@@ -68,7 +68,7 @@ def test_a_foot_below_the_image_gives_an_upper_limit() -> None:
 @pytest.mark.parametrize("range_m", [15.0, 30.0, 60.0])
 def test_both_instruments_take_part_and_agree(range_m: float) -> None:
     cam = camera()
-    found, _, _ = ranged(cam, cam, 0.0, Thing(L.CAR, range_m, 0.0, 1.8, 1.5))
+    found, _, _ = ranged(cam, cam, 0.0, Thing(labels.CAR, range_m, 0.0, 1.8, 1.5))
     assert found is not None
     assert "gauge" in found.method
     assert found.range_m == pytest.approx(range_m, rel=0.03)
@@ -77,7 +77,7 @@ def test_both_instruments_take_part_and_agree(range_m: float) -> None:
 
 def test_an_unknown_focal_length_is_in_the_interval() -> None:
     cam = camera(fov_deg=70)
-    found, _, _ = ranged(cam, None, 0.0, Thing(L.CAR, 30.0, 0.0, 1.8, 1.5))
+    found, _, _ = ranged(cam, None, 0.0, Thing(labels.CAR, 30.0, 0.0, 1.8, 1.5))
     assert found is not None
     assert found.std_m / found.range_m > 0.2
     assert found.interval_m[0] < 30 < found.interval_m[1]
@@ -86,7 +86,7 @@ def test_an_unknown_focal_length_is_in_the_interval() -> None:
 def test_errors_of_the_calibration_are_carried() -> None:
     cam = camera()
     vague = dataclasses.replace(cam, std=CameraStd(focal_px=0.1 * cam.focal_px, gauge_m=0.045))
-    thing = Thing(L.CAR, 30.0, 0.0, 1.8, 1.5)
+    thing = Thing(labels.CAR, 30.0, 0.0, 1.8, 1.5)
     sharp, _, _ = ranged(cam, cam, 0.0, thing)
     wide, _, _ = ranged(cam, vague, 0.0, thing)
     assert sharp is not None
@@ -97,7 +97,7 @@ def test_errors_of_the_calibration_are_carried() -> None:
 def test_a_thing_on_the_bed_is_farther_than_its_row_says() -> None:
     # Feet 0.15 m below the rails, camera 2.8 m above them: 2.95/2.8 of the plane's distance.
     cam = camera()
-    masks = draw(cam, 0.0, things=[Thing(L.CAR, 30.0, 0.0, 1.8, 1.5)])
+    masks = draw(cam, 0.0, things=[Thing(labels.CAR, 30.0, 0.0, 1.8, 1.5)])
     geometry = TrackFollower(cam).update(masks)
     (finding,) = find(masks, geometry)
     on_plane = range_of(finding, geometry, settings=ON_PLANE)
@@ -144,7 +144,7 @@ def test_without_a_track_there_is_no_range() -> None:
 
 def test_range_is_along_the_curve() -> None:
     cam = camera(fov_deg=65)
-    found, _, geometry = ranged(cam, cam, 1 / 200, Thing(L.CAR, 48.0, 0.0, 1.8, 1.5))
+    found, _, geometry = ranged(cam, cam, 1 / 200, Thing(labels.CAR, 48.0, 0.0, 1.8, 1.5))
     assert found is not None
     assert found.range_m == pytest.approx(48.0, rel=0.06)
     assert geometry.path is not None

@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pytest
 
-from railinspect import labels as L
+from railinspect import labels
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.track import TrackFollower, TrackGeometry
@@ -222,12 +222,16 @@ def test_after_a_loss_the_last_beginning_points_stay_for_a_while() -> None:
 
 def blank(shape: tuple[int, int]) -> Masks:
     return Masks(
-        np.full(shape, L.TERRAIN, np.uint8), np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+        np.full(shape, labels.TERRAIN, np.uint8),
+        np.zeros(shape, np.uint8),
+        np.zeros(shape, np.uint8),
     )
 
 
 def full(shape: tuple[int, int]) -> Masks:
-    return Masks(np.full(shape, L.RAIL_RAISED, np.uint8), *(np.full(shape, 255, np.uint8),) * 2)
+    return Masks(
+        np.full(shape, labels.RAIL_RAISED, np.uint8), *(np.full(shape, 255, np.uint8),) * 2
+    )
 
 
 @pytest.mark.parametrize("cam", [None, camera()])
@@ -287,7 +291,7 @@ def test_masks_that_are_none(labels: np.ndarray, score: np.ndarray, words: str) 
 def test_an_object_on_the_track_cuts_the_reach() -> None:
     cam = camera()
     free = follow(draw(cam, 0.0), cam)
-    cut = follow(draw(cam, 0.0, things=[Thing(L.TRUCK, 40.0, 0.0, 2.6, 3.5)]), cam)
+    cut = follow(draw(cam, 0.0, things=[Thing(labels.TRUCK, 40.0, 0.0, 2.6, 3.5)]), cam)
     assert free.reach_m is not None
     assert cut.reach_m is not None
     assert cut.reach_m == pytest.approx(40.0, abs=2.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from railinspect.track.smooth import centre_basis, fit_smooth, hat_basis, slope_basis
+from railinspect.track.smooth import centre_bases, fit_smooth, hat_basis
 
 KNOTS = np.array([10.0, 22.0, 40.0, 70.0])
 
@@ -34,14 +34,14 @@ def test_basis_integrates_to_known_curves() -> None:
     x = np.linspace(0, 90, 50)
     # y'' = 2 everywhere: y = (x − 10)²; with y₀ = 3 and slope 0.5 in front.
     coefficients = np.array([3.0, 0.5, 2.0, 2.0, 2.0, 2.0])
-    assert centre_basis(x, KNOTS) @ coefficients == pytest.approx(
+    assert centre_bases(x, KNOTS)[0] @ coefficients == pytest.approx(
         3 + 0.5 * (x - 10) + (x - 10) ** 2
     )
-    assert slope_basis(x, KNOTS) @ coefficients == pytest.approx(0.5 + 2 * (x - 10))
+    assert centre_bases(x, KNOTS)[1] @ coefficients == pytest.approx(0.5 + 2 * (x - 10))
     # y'' = x − 10 up to the last knot: y = (x − 10)³/6.
     inside = np.linspace(10, 70, 40)
     linear = np.concatenate([[0.0, 0.0], KNOTS - 10])
-    assert centre_basis(inside, KNOTS) @ linear == pytest.approx((inside - 10) ** 3 / 6)
+    assert centre_bases(inside, KNOTS)[0] @ linear == pytest.approx((inside - 10) ** 3 / 6)
 
 
 @given(radius=st.floats(200, 5000), start=st.floats(0, 60), hand=st.sampled_from([-1, 1]))
@@ -54,7 +54,7 @@ def test_transitions_and_arcs_leave_next_to_nothing(radius: float, start: float,
     at, across, side, sigma = rails(y, x)
     track = fit_smooth(at, across, side, sigma, 0.75)
     assert np.abs(track.y(x) - y).max() < 0.02
-    assert track.half_spacing(x) == pytest.approx(0.75 * np.ones_like(x), abs=0.01)
+    assert track.along(x)[2] == pytest.approx(0.75 * np.ones_like(x), abs=0.01)
 
 
 @pytest.mark.parametrize("length", [4.0, 8.0])

@@ -1,0 +1,40 @@
+"""What is wrong with the track in one frame: distorted rails, things on it, people on it.
+
+Nothing here reads the input image: findings come from the segmentation's classes and from the
+track's geometry, in metres on the plane of the rails. A frame whose track is not followed may
+still have findings; without any it is unknown, not clear (``TrackGeometry.followed``).
+"""
+
+from __future__ import annotations
+
+from railinspect.findings.distortions import find_distortions
+from railinspect.findings.finding import Finding, FindingType
+from railinspect.findings.interruptions import find_interruptions
+from railinspect.findings.place import place_on_track
+from railinspect.findings.things import find_things
+from railinspect.thresholds import Thresholds
+from railinspect.track.geometry import SegmentationLike, TrackGeometry
+
+__all__ = ["Finding", "FindingType", "find", "place_on_track"]
+
+
+def find(
+    segmentation: SegmentationLike, track: TrackGeometry, thresholds: Thresholds | None = None
+) -> tuple[Finding, ...]:
+    """Judge one frame.
+
+    Args:
+        segmentation: Masks of the frame.
+        track: The track in it, from the same masks.
+        thresholds: Limits; defaults are stated there.
+
+    Returns:
+        Findings, nearest first; none without a path.
+    """
+    if track.path is None or track.profile is None or len(track.path.uv) < 4:
+        return ()
+    thresholds = thresholds or Thresholds()
+    found = find_things(segmentation, track, thresholds)
+    found += find_distortions(track, thresholds)
+    found += find_interruptions(segmentation, track, thresholds, found)
+    return tuple(sorted(found, key=lambda f: -f.foot_uv[1]))

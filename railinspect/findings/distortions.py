@@ -1,0 +1,171 @@
+"""Distortions: stretches where the rails leave the smooth track."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.findings.finding import Finding
+from railinspect.thresholds import Thresholds
+from railinspect.track.geometry import TrackGeometry
+
+Array = npt.NDArray[np.float64]
+
+
+def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
+    """Stretches where the rails leave the smooth track together, or one does by more."""
+    profile, path = track.profile, track.path
+    assert profile is not None
+    assert path is not None
+    scale = track.camera.size_wh[0] / 640.0
+    metre = profile.metre_px
+    rows = len(metre)
+    apart = 2.0 * path.half_m[:rows] * path.across_px[:rows]
+    told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
+    residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
+    everything = residual
+    residual = np.where(profile.doubtful, np.nan, residual)
+    limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
+    limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
+    smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
+    # Doubtful samples may take part here: another track's rail moves one of ours, or both to one
+    # side, but never both to and fro.
+    if (ripple := _ripple(everything, limit, limits)) is not None:
+        return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
+    common = smooth.mean(axis=1)  # NaN unless both rails are seen
+    together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
+    together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
+    lobes = _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
+    kind = ["both rails"] * len(lobes)
+    for rail, name in enumerate(("the left rail", "the right rail")):
+        own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
+        extra = [
+            lobe
+            for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
+            if _continuous(residual[:, rail], lobe, limits.bend_step_px * scale)
+        ]
+        lobes += extra
+        kind += [name] * len(extra)
+    if not lobes:
+        return []
+    return [_distortion(track, lobes, kind, limit, smooth, limits)]
+
+
+def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int, int] | None:
+    """First and last row and peak of a stretch where both rails swing together.
+
+    The mean product of the two rails' residuals is the square of what they share; what the
+    segmentation adds to each by itself averages out. It sees waves too short for a running mean.
+    """
+    length = limits.ripple_rows
+    product = residual[:, 0] * residual[:, 1]
+    shared = _running_mean(product, length)
+    high = np.sqrt(np.maximum(np.nan_to_num(shared), 0.0)) >= limits.ripple_share * limit
+    # A wave turns: within the window both rails must go to both sides.
+    half = length // 2
+    rows = np.flatnonzero(high[half : len(high) - half - 4]) + half
+    for row in rows:
+        part = residual[row - half : row + half + 1]
+        if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
+            inside = rows[(rows >= row) & (rows <= row + 6 * length)]
+            peak = int(row - half + np.argmax(np.abs(part.mean(axis=1))))
+            return int(row - half), int(inside.max() + half), peak
+    return None
+
+
+def _continuous(residual_px: Array, lobe: tuple[int, int, int], step_px: float) -> bool:
+    """Whether one rail bends out and back without a jump or a hole.
+
+    Where another rail crosses, the measured centre goes along with it and jumps back.
+    """
+    first, last, _ = lobe
+    window = residual_px[max(0, first - 8) : last + 9]
+    return bool(np.all(np.abs(np.diff(window)) <= step_px))  # NaN compares False
+
+
+def _running_mean(values: Array, length: int) -> Array:
+    """Centred mean of ``length`` neighbours; NaN where any is missing."""
+    out = np.full_like(values, np.nan)
+    if len(values) < length:
+        return out
+    half = length // 2
+    inner = len(values) - 2 * half
+    out[half : half + inner] = sum(values[i : i + inner] for i in range(length)) / length
+    return out
+
+
+def _lobes(
+    values: Array, limit: Array, limits: Thresholds, chainage_m: Array
+) -> list[tuple[int, int, int]]:
+    """(first, last, peak) of each one-sided deviation over its limit that is long enough."""
+    lobes: list[tuple[int, int, int]] = []
+    for sign in (1.0, -1.0):
+        over = sign * values > 0.5 * limit
+        padded = np.concatenate([[False], over, [False]])
+        edges = np.flatnonzero(padded[1:] != padded[:-1])
+        for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
+            ratio = sign * values[first : last + 1] / limit[first : last + 1]
+            peak = int(first + np.argmax(ratio))
+            rows = last - first + 1
+            length = chainage_m[last] - chainage_m[first]
+            high = np.count_nonzero(ratio >= 1.0)
+            # A deviation that reaches the end of the sight may be the end itself.
+            ends = last >= len(values) - 4
+            if (
+                high >= 2
+                and rows >= limits.bend_rows
+                and length >= limits.bend_length_m
+                and not ends
+            ):
+                lobes.append((int(first), int(last), peak))
+    return lobes
+
+
+def _distortion(
+    track: TrackGeometry,
+    lobes: list[tuple[int, int, int]],
+    kind: list[str],
+    limit: Array,
+    smooth: Array,
+    limits: Thresholds,
+) -> Finding:
+    """One finding for the strongest lobe and those beside it: a ripple has several."""
+    profile = track.profile
+    assert profile is not None
+    excess_of = [float(np.nanmax(np.abs(smooth[lobe[2]])) / limit[lobe[2]]) for lobe in lobes]
+    first, last, _ = lobes[int(np.argmax(excess_of))]
+    for _ in lobes:  # grow over neighbours until none is near
+        for start, end, _ in lobes:
+            near, far = profile.chainage_m[[first, last]]
+            reach = max(limits.bend_join_m, 0.1 * float(near))
+            if profile.chainage_m[start] <= far + reach and profile.chainage_m[end] >= near - reach:
+                first, last = min(first, start), max(last, end)
+    chosen = [i for i, lobe in enumerate(lobes) if first <= lobe[2] <= last]
+    lobes, kind = [lobes[i] for i in chosen], [kind[i] for i in chosen]
+    uv = profile.uv[first : last + 1]
+    polygon = np.concatenate([uv[:, 0], uv[::-1, 1]])
+    heights = [float(np.nanmax(np.abs(smooth[peak]))) for _, _, peak in lobes]
+    best = int(np.argmax([h / limit[peak] for h, (_, _, peak) in zip(heights, lobes, strict=True)]))
+    peak = lobes[best][2]
+    excess = heights[best] / float(limit[peak])
+    near, far = float(profile.chainage_m[first]), float(profile.chainage_m[last])
+    box = (
+        float(polygon[:, 0].min()),
+        float(polygon[:, 1].min()),
+        float(polygon[:, 0].max()),
+        float(polygon[:, 1].max()),
+    )
+    sight = float(np.clip(profile.peak[first : last + 1].mean(), 0.0, 1.0))
+    return Finding(
+        type="distortion",
+        polygon_uv=polygon,
+        box_xyxy=box,
+        confidence=float(np.clip(sight * (1.0 - math.exp(-excess)), 0.0, 1.0)),
+        foot_uv=uv[0].mean(axis=0),
+        evidence=(
+            f"{kind[best]} leave the smooth track by {heights[best]:.1f} px "
+            f"({heights[best] / profile.metre_px[peak]:.2f} m) between {near:.0f} m and {far:.0f} m"
+        ).replace("rail leave", "rail leaves"),
+    )

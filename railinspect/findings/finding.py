@@ -1,0 +1,34 @@
+"""One anomaly in one frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+FindingType = Literal["distortion", "obstruction", "trespasser"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One anomaly in one frame.
+
+    Attributes:
+        type: What it is.
+        polygon_uv: Its outline, input pixels, shape (K, 2).
+        box_xyxy: Its box, input pixels.
+        confidence: 0 to 1.
+        foot_uv: Where it meets the ground on the track, input pixels, shape (2,).
+        evidence: What was measured, in words with units.
+    """
+
+    type: FindingType
+    polygon_uv: Array
+    box_xyxy: tuple[float, float, float, float]
+    confidence: float
+    foot_uv: Array
+    evidence: str
