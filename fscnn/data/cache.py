@@ -2,8 +2,8 @@
 
     python -m fscnn.data.cache --count 8000 --workers 2 --out DIR
 
-The files are those of :func:`railinspect.scenes.write_images`: they depend on the seeds alone, and a
-run that was stopped goes on where it stopped.
+The files are those of :func:`railinspect.scenes.write_images`: they depend on the seeds alone, and
+a run that was stopped goes on where it stopped.
 """
 
 from __future__ import annotations

@@ -38,5 +38,6 @@ def build(name: str, settings: Mapping[str, Any] | None = None) -> nn.Module:
 def settings_of(network: nn.Module) -> dict[str, Any]:
     """The settings ``network`` was built with, as plain values a file can hold."""
     config = network.config
-    assert is_dataclass(config) and not isinstance(config, type)
+    assert is_dataclass(config)
+    assert not isinstance(config, type)
     return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(config).items()}

@@ -17,7 +17,10 @@ from fscnn.training.module import SegmentationModule
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
 
-TINY = "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, dropout: 0}"
+TINY = (
+    "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, "
+    "dropout: 0}"
+)
 
 
 def tiny_run(folder: Path, *overrides: str) -> TrainConfig:
@@ -73,6 +76,7 @@ def test_leaves_best_last_and_the_resolved_configuration(
     assert not trained.network.training
 
 
+@pytest.mark.filterwarnings("ignore:.*LeafSpec")  # Lightning's own call of torch
 def test_resuming_continues_exactly(tmp_path: Path) -> None:
     straight = tiny_run(tmp_path, "schedule.max_epochs=2")
     fit(straight)
@@ -173,7 +177,7 @@ def test_pickle_pretending_to_be_a_checkpoint(tmp_path: Path) -> None:
 def test_checkpoints_of_others(tmp_path: Path, overfitted: tuple[Path, dict[str, float]]) -> None:
     path = tmp_path / "other.ckpt"
     torch.save({"state_dict": {}}, path)
-    with pytest.raises(BadInputError, match="was not written by train.py"):
+    with pytest.raises(BadInputError, match=r"was not written by train\.py"):
         checkpoint.load(path)
     held = torch.load(overfitted[0] / "run" / "last.ckpt", weights_only=True)
     held["fscnn"]["settings"]["message_channels"] = 16
