@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Measure a checkpoint or a bundle: python evaluate.py MODEL --folder DIR | --scenes START N."""
-=======
 """Measure a checkpoint or a bundle:  python evaluate.py MODEL --folder DIR [--json]."""
->>>>>>> room-a
 
 from __future__ import annotations
 
