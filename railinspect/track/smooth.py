@@ -172,7 +172,7 @@ def fit_smooth(
     _differences(prior, at, np.full(len(at) - 1, 1.0 / (trend * half_m) ** 2))
     weight = 1.0 / (sigma_m**2 * correlated)
     robust = np.ones_like(x_m)
-    solution = np.zeros(total)
+    solution: Array = np.zeros(total)
     design = np.empty((len(x_m), total))
     design[:, :n_c] = basis
     for turn in range(5):
