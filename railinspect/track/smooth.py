@@ -178,7 +178,8 @@ def fit_smooth(
     for turn in range(5):
         design[:, n_c:] = (side * lean)[:, None] * hats
         weighted = design * (weight * robust)[:, None]
-        solution = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solved = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solution = np.asarray(solved, np.float64)
         slope = lean_basis @ solution[:n_c]
         lean = np.sqrt(1.0 + slope**2)
         if turn:
