@@ -1,4 +1,4 @@
-"""Measure a checkpoint or a bundle: python evaluate.py MODEL --folder DIR | --scenes START N."""
+"""Measure a checkpoint or a bundle:  python evaluate.py MODEL --folder DIR [--json]."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ def compare(
 
 
 def count_nodes(model: onnx.ModelProto) -> dict[str, int]:
-    """Graph nodes by operator, most frequent first; a control-flow body shows as its node."""
+    """Graph nodes by operator, most frequent first."""
     return dict(collections.Counter(node.op_type for node in model.graph.node).most_common())
 
 

@@ -178,7 +178,10 @@ def _add_inspect(commands: Any) -> None:
         "have one, else 10)",
     )
     parser.add_argument(
-        "--threads", type=int, metavar="N", help="threads of the network (default: all cores)"
+        "--threads",
+        type=int,
+        metavar="N",
+        help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
     parser.set_defaults(run=_run_inspect)
@@ -244,10 +247,15 @@ def _print_paths(paths: dict[str, Any]) -> None:
 
 
 def _segmenter(options: argparse.Namespace) -> Any:
+    from railinspect._threads import usable_cores
     from railinspect.segmenter import Segmenter
 
     threads = getattr(options, "threads", None)
-    if threads is not None and threads < 1:
+    if threads is None:
+        # Following, ranging and writing run beside the network and need a core of their own: a
+        # network on every core waits at each layer for the thread that is held up.
+        threads = max(1, usable_cores() - 1)
+    elif threads < 1:
         raise BadInputError(f"threads is {threads}; give at least 1")
     if options.bundle is None:
         return Segmenter.default(threads)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -17,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from railinspect._threads import usable_cores
 from railinspect.errors import OutputError
 from railinspect.runinfo import write_json
 from railinspect.scenes import Ride, SceneSettings
@@ -139,9 +139,7 @@ def record_ride(
 
 def default_workers() -> int:
     """Rendering processes for this machine: one per core this process may use, at most two."""
-    if hasattr(os, "sched_getaffinity"):
-        return min(MAX_WORKERS, len(os.sched_getaffinity(0)))
-    return min(MAX_WORKERS, os.cpu_count() or 1)
+    return min(MAX_WORKERS, usable_cores())
 
 
 def rendered(plan: RidePlan, workers: int) -> Iterator[Image]:

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from railinspect.errors import RailInspectError
-from railinspect.scenes import write_images
+from railinspect.scenes import SceneSettings, write_images
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -26,12 +26,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder to fill")
     parser.add_argument("--count", type=int, required=True, help="number of scenes")
     parser.add_argument("--start", type=int, default=0, help="seed of the first scene (default 0)")
+    parser.add_argument(
+        "--crowded", action="store_true", help="one to four anomalies on every ego track"
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     options = parser.parse_args(arguments)
     seeds = range(options.start, options.start + options.count)
+    settings = SceneSettings(crowded=options.crowded)
     began = time.monotonic()
     try:
-        for done, _ in enumerate(write_images(options.out, seeds, workers=options.workers), 1):
+        for done, _ in enumerate(write_images(options.out, seeds, settings, options.workers), 1):
             if done % 100 == 0 or done == len(seeds):
                 rate = done / (time.monotonic() - began)
                 print(f"{done} of {len(seeds)} scenes, {rate:.1f} per second", flush=True)

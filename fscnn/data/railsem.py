@@ -1,7 +1,7 @@
 """Images and class masks in RailSem19's folder layout.
 
 The archive's layout is ``rs19_val/{jpgs,uint8}/rs19_val/rs00000.{jpg,png}``; the innermost folder
-is optional here, so rendered sets may lie in ``DIR/jpgs/*.jpg`` and ``DIR/uint8/*.png``. Masks are
+is optional here, so sets may also lie in ``DIR/jpgs/*.jpg`` and ``DIR/uint8/*.png``. Masks are
 8-bit class ids 0 … 18, and 255 for void.
 """
 

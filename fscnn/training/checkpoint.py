@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,11 @@ def read(path: Path) -> dict[str, Any]:
         BadInputError: if it is missing, holds code, is damaged, or is not one of ours.
     """
     try:
-        data = torch.load(path, map_location="cpu", weights_only=True)
+        with (
+            warnings.catch_warnings()
+        ):  # about a foreign pickle's protocol; the error below says more
+            warnings.simplefilter("ignore")
+            data = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise BadInputError(f"cannot read checkpoint {path}: {error.strerror or error}") from error
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:

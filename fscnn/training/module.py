@@ -70,6 +70,7 @@ class SegmentationModule(lightning.LightningModule):
         return images.to(torch.float32).div_(255).contiguous(memory_format=self.format)
 
     def on_fit_start(self) -> None:
+        """Start the clock, with the time spent before a resume."""
         self.clock = Clock(self.schedule, self._spent_s)
         self.average.network.to(self.device)
 
@@ -77,6 +78,7 @@ class SegmentationModule(lightning.LightningModule):
         return self.clock.progress(self.global_step, int(self.trainer.num_training_batches))
 
     def on_train_batch_start(self, batch: Any, batch_idx: int) -> int | None:
+        """Set the learning rate from the progress; stop at the end of the run."""
         progress = self._progress()
         if progress >= 1:
             self.trainer.should_stop = True
@@ -87,6 +89,7 @@ class SegmentationModule(lightning.LightningModule):
         return None
 
     def training_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> Tensor:
+        """Loss of one batch; raises DivergedError where it is not finite."""
         images, masks = batch
         terms = self.loss(self(images), masks)
         if not torch.isfinite(terms["total"]):
@@ -99,17 +102,20 @@ class SegmentationModule(lightning.LightningModule):
         return terms["total"]
 
     def on_before_zero_grad(self, optimizer: Any) -> None:
+        """Take the weights of the step just done into the average."""
         # Lightning zeroes the gradients before each step: the weights are then those of the last.
         if self.global_step > self.average.steps:
             self.average.update(self.network)
 
     def on_validation_start(self) -> None:
+        """Bring the average up to date and forget the last scores."""
         if self.global_step > self.average.steps:
             self.average.update(self.network)
         self.scores = Scores()
         self.average.network.to(self.device)
 
     def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
+        """Score the averaged network on one batch."""
         images, masks = batch
         scores = self.average.network(self._scaled(images))
         labels, confidence, _ = decide(scores, images.shape[2] // scores.shape[2])
@@ -117,12 +123,14 @@ class SegmentationModule(lightning.LightningModule):
             self.scores.add(mask.cpu().numpy(), label.cpu().numpy(), sure.cpu().numpy())
 
     def on_validation_epoch_end(self) -> None:
+        """Log the scores of this validation."""
         summary = self.scores.summary()
         for metric in ("rail_iou", "mean_iou", "accuracy", "thin_f"):
             value = float(summary[metric])  # type: ignore[arg-type]
             self.log(f"val/{metric}", value, prog_bar=metric == "rail_iou")
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
+        """AdamW; weight decay on kernels alone."""
         kernels = [w for w in self.network.parameters() if w.ndim > 1]
         others = [w for w in self.network.parameters() if w.ndim <= 1]
         return torch.optim.AdamW(
@@ -134,6 +142,7 @@ class SegmentationModule(lightning.LightningModule):
         )
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Add what rebuilds and resumes the network, in plain values."""
         checkpoint[KEY] = {
             "network": self.name,
             "settings": settings_of(self.network),
@@ -146,6 +155,7 @@ class SegmentationModule(lightning.LightningModule):
         }
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Bring back the average and the time spent."""
         held = checkpoint[KEY]
         self.average.network.load_state_dict(held["average"])
         self.average.steps = held["average_steps"]

@@ -81,6 +81,11 @@ def plant(
 
 def sprinkle(draft: Draft, rng: np.random.Generator, reach_m: float) -> None:
     """Give a training picture its share of anomalies and of trains on the ego track."""
+    if draft.settings.crowded:
+        for _ in range(int(rng.integers(1, 5))):
+            kind = ANOMALY_TYPES[int(rng.choice(3, p=[0.1, 0.5, 0.4]))]
+            plant(draft, kind, float(6 + rng.gamma(1.6, 0.14 * reach_m)), rng)
+        return
     chance = rng.random()
     if chance < 0.34:
         for _ in range(int(rng.integers(1, 3))):

@@ -23,6 +23,8 @@ class SceneSettings:
         distractors: Draw rail-like things that are no rails: kerbs, lane markings, wipers, troughs.
         weather: Vary light, weather and camera; otherwise a dry overcast day.
         occluders: Let people, vehicles and objects stand on and beside the track.
+        crowded: Put one to four anomalies on every ego track, most of them near, as training needs
+            that is to find things by themselves and not by what surrounds them.
         min_radius_m: Tightest curve, metres, ≥ 200.
     """
 
@@ -32,6 +34,7 @@ class SceneSettings:
     distractors: bool = True
     weather: bool = True
     occluders: bool = True
+    crowded: bool = False
     min_radius_m: float = 200.0
 
     def __post_init__(self) -> None:

@@ -172,13 +172,14 @@ def fit_smooth(
     _differences(prior, at, np.full(len(at) - 1, 1.0 / (trend * half_m) ** 2))
     weight = 1.0 / (sigma_m**2 * correlated)
     robust = np.ones_like(x_m)
-    solution = np.zeros(total)
+    solution: Array = np.zeros(total)
     design = np.empty((len(x_m), total))
     design[:, :n_c] = basis
     for turn in range(5):
         design[:, n_c:] = (side * lean)[:, None] * hats
         weighted = design * (weight * robust)[:, None]
-        solution = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solved = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solution = np.asarray(solved, np.float64)
         slope = lean_basis @ solution[:n_c]
         lean = np.sqrt(1.0 + slope**2)
         if turn:

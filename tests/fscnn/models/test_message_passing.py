@@ -34,8 +34,7 @@ def test_hand_worked_column() -> None:
 
 def test_hand_worked_row_with_three_taps_and_rectification() -> None:
     # Travel right over two columns of height 2; taps (1, -1, 2) run down the column.
-    # Column (1, 3): row 0 sees (pad 0, 1, 3) → −1 + 6 = 5;
-    # row 1 sees (1, 3, pad 0) → 1 − 3 = −2 → 0.
+    # Column (1, 3): row 0 sees (pad 0, 1, 3) → −1 + 6 = 5; row 1 (1, 3, pad 0) → 1 − 3 = −2 → 0.
     features = torch.tensor([[1.0, 10.0], [3.0, 20.0]]).view(1, 1, 2, 2)
     kernels = torch.tensor([1.0, -1.0, 2.0]).view(1, 1, 1, 3).repeat(2, 1, 1, 1)
     for form in (pass_reference, *FORMS):

@@ -76,6 +76,7 @@ def test_leaves_best_last_and_the_resolved_configuration(
     assert not trained.network.training
 
 
+@pytest.mark.filterwarnings("ignore:.*LeafSpec")  # Lightning's own call of torch
 def test_resuming_continues_exactly(tmp_path: Path) -> None:
     straight = tiny_run(tmp_path, "schedule.max_epochs=2")
     fit(straight)
