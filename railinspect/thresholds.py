@@ -25,7 +25,8 @@ class Thresholds:
 
     Attributes:
         clearance_m: Half-width of the clearance envelope for things, metres from the centre line.
-            Platform edges lie at about 1.65–1.75 m.
+            Half a vehicle's width; platform edges lie at about 1.65–1.75 m, and what stands on
+            lower ground beside the track appears up to 0.3 m nearer to it than it is.
         core_m: What stays farther out than this and runs along the track is a structure beside
             it, metres,
         along_m: if it does so for at least this long, metres.
@@ -41,6 +42,7 @@ class Thresholds:
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
         least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
+        least_spacing_px: Where the rails are closer than this, things are too small to judge.
         least_foot_px: Least width of the foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
@@ -71,7 +73,7 @@ class Thresholds:
         gap_contrast: Least rail probability just before and just after the hole.
     """
 
-    clearance_m: float = 1.7
+    clearance_m: float = 1.5
     core_m: float = 0.85
     along_m: float = 4.0
     foot_m: float = -0.15
@@ -93,6 +95,7 @@ class Thresholds:
     person_height_m: float = 0.60
     least_area_px: float = 14.0
     least_confidence: float = 0.40
+    least_spacing_px: float = 5.0
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5

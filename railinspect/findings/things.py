@@ -240,7 +240,8 @@ def _judge(
     deep = clearance - float(np.abs(lateral).min())
     share = len(inside) / len(foot_line)
     across = float(np.interp(range_m, path.chainage_m, path.across_px))
-    if len(inside) < limits.least_foot_px * scale:
+    spacing_px = 2.0 * across * float(np.interp(range_m, path.chainage_m, path.half_m))
+    if len(inside) < limits.least_foot_px * scale or spacing_px < limits.least_spacing_px * scale:
         return None
     if deep < limits.deep_m or deep * across < limits.deep_px * scale:
         return None
@@ -271,7 +272,8 @@ def _judge(
     polygon = cv2.convexHull(points.reshape(-1, 1, 2)).reshape(-1, 2).astype(float)
     classes = segmentation.labels[top : base + 1, first : last + 1][body]
     name = CLASSES[int(np.bincount(classes[classes < len(CLASSES)], minlength=1).argmax())]
-    if name in _VEHICLES and height_m < limits.vehicle_m:
+    cut_off = base >= region.shape[0] - 2  # by the image's bottom: its height is not known
+    if name in _VEHICLES and height_m < limits.vehicle_m and not cut_off:
         return None
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
     if sure < limits.least_confidence:

@@ -1,0 +1,160 @@
+"""The inspector after segmentation: time, rail error, ranges, and what it finds or invents.
+
+Everything is measured on rendered rides with their true masks, so that the figures are those of
+the geometry alone; ``railinspect demo`` shows the same with the shipped network.
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from benchmarks.common import Measure, parser, publish
+from railinspect import labels
+from railinspect.findings import find
+from railinspect.ranging import range_of
+from railinspect.scenes import Ride, demo_settings
+from railinspect.scenes.render import Rendered
+from railinspect.segmenter import Segmentation
+from railinspect.track import TrackFollower
+
+
+@dataclass
+class _Tally:
+    times_ms: list[float] = field(default_factory=list)
+    rail_errors_px: list[float] = field(default_factory=list)
+    range_errors: list[tuple[float, float, bool]] = field(default_factory=list)
+    found: set[float] = field(default_factory=set)
+    planted: int = 0
+    false_frames: int = 0
+    frames: int = 0
+    followed: int = 0
+
+
+def true_masks(frame: Rendered) -> Segmentation:
+    """The segmentation a perfect network would give of a rendered frame."""
+    rail = np.where(np.isin(frame.labels, labels.RAILS), 255, 0).astype(np.uint8)
+    return Segmentation(frame.labels, np.full_like(frame.labels, 255), rail)
+
+
+def _ride(ride: Ride, stride: int, calibrated: bool, tally: _Tally) -> None:
+    follower = TrackFollower(ride.camera if calibrated else None)
+    tally.planted += len(ride.planted)
+    for index in range(0, len(ride), stride):
+        frame = ride.frame(index)
+        masks = true_masks(frame)
+        start = time.perf_counter()
+        track = follower.update(masks)
+        findings = find(masks, track)
+        tally.times_ms.append(1e3 * (time.perf_counter() - start))
+        tally.frames += 1
+        tally.followed += track.followed
+        for line, truth in zip((track.left_uv, track.right_uv), frame.ego_rails, strict=True):
+            if len(line) and not findings:
+                errors = np.interp(line[:, 1], truth[:, 1], truth[:, 0]) - line[:, 0]
+                tally.rail_errors_px.append(float(np.median(np.abs(errors))))
+        here = ride.chainage_m(index)
+        for finding in findings:
+            distance = range_of(finding, track)
+            if distance is None:
+                continue
+            ahead = [t for t in ride.planted if t.type == finding.type]
+            nearest = min(
+                ahead, key=lambda t: abs(t.chainage_m - here - distance.range_m), default=None
+            )
+            gap = float("inf") if nearest is None else nearest.chainage_m - here
+            slack = max(8.0, 0.25 * distance.range_m) + (
+                14.0 if finding.type == "distortion" else 0
+            )
+            if nearest is None or abs(gap - distance.range_m) > slack:
+                tally.false_frames += 1
+                continue
+            tally.found.add(nearest.chainage_m)
+            if finding.type != "distortion" and gap > 8:
+                low, high = distance.interval_m
+                tally.range_errors.append((gap, distance.range_m / gap - 1, low <= gap <= high))
+
+
+def _ranges(tally: _Tally, name: str) -> list[Measure]:
+    measures = []
+    for low, high in ((8, 50), (50, 100), (100, 250)):
+        band = [(e, inside) for gap, e, inside in tally.range_errors if low <= gap < high]
+        if len(band) < 5:
+            continue
+        error = 100 * statistics.median(abs(e) for e, _ in band)
+        cover = 100 * sum(inside for _, inside in band) / len(band)
+        measures.append(Measure(f"{name}, range error {low}–{high} m, median", error, "%"))
+        measures.append(
+            Measure(
+                f"{name}, 95 % interval holds the truth {low}–{high} m", cover, "%", None, "higher"
+            )
+        )
+    return measures
+
+
+def main() -> None:
+    arguments = parser(__doc__)
+    arguments.add_argument("--seed", type=int, default=1, help="seed of the rides (default 1)")
+    arguments.add_argument(
+        "--stride", type=int, default=4, help="every how many frames are judged (default 4)"
+    )
+    options = arguments.parse_args()
+    cv2.setNumThreads(1)
+    measures: list[Measure] = []
+    for calibrated in (True, False):
+        name = "calibrated" if calibrated else "unknown camera"
+        demo, clear = _Tally(), _Tally()
+        settings = demo_settings()
+        _ride(
+            Ride.plan(options.seed, settings, duration_s=60, anomalies="demo"),
+            options.stride,
+            calibrated,
+            demo,
+        )
+        _ride(
+            Ride.plan(options.seed + 100, settings, duration_s=60),
+            options.stride,
+            calibrated,
+            clear,
+        )
+        if calibrated:
+            times = sorted(demo.times_ms[3:] + clear.times_ms[3:])
+            measures.append(
+                Measure("640x360 after segmentation, median", statistics.median(times), "ms", 4.0)
+            )
+            quiet = times[len(times) // 10]
+            measures.append(Measure("the same, fastest tenth", quiet, "ms"))
+        measures += [
+            Measure(
+                f"{name}, ego rails, median error",
+                statistics.median(demo.rail_errors_px + clear.rail_errors_px),
+                "px",
+                0.5,
+            ),
+            Measure(
+                f"{name}, clear ride followed",
+                100 * clear.followed / clear.frames,
+                "%",
+                95,
+                "higher",
+            ),
+            Measure(
+                f"{name}, anomalies found", 100 * len(demo.found) / demo.planted, "%", 90, "higher"
+            ),
+            Measure(
+                f"{name}, clear ride, frames with a false finding",
+                100 * clear.false_frames / clear.frames,
+                "%",
+                0.5,
+            ),
+            *_ranges(demo, name),
+        ]
+    publish("inspector", measures, options.json)
+
+
+if __name__ == "__main__":
+    main()
