@@ -94,7 +94,7 @@ class Thresholds:
     vehicle_m: float = 0.7
     person_height_m: float = 0.60
     least_area_px: float = 14.0
-    least_confidence: float = 0.40
+    least_confidence: float = 0.50
     least_spacing_px: float = 5.0
     least_foot_px: float = 2.0
     deep_m: float = 0.25
