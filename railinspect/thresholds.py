@@ -37,6 +37,7 @@ class Thresholds:
         foreign: Classes that have no business on a track, besides people.
         least_width_m: Least width across the track inside the envelope, metres.
         least_height_m: Least height, metres.
+        vehicle_m: Least height of a car, a lorry or a rail vehicle, metres.
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
         least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
@@ -57,9 +58,12 @@ class Thresholds:
         bend_one_rail: Factor on the deviation where only one rail shows it.
         bend_spacing_px: Rails are judged only where they are this far apart across the track.
         bend_join_m: Deviations closer than this along the track are one distortion, metres.
-        bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels.
+        bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels;
+            more is another rail that was mistaken for it.
+        bend_slope: Both rails may bend by this much more per metre along the track, metres.
         ripple_rows: Rows over which the rails' common swing is averaged.
         ripple_share: Root mean square of that swing as a share of the least deviation.
+        ripple_doubt: Largest share of doubtful samples in it.
         gap_m: Least length of a hole in both rails that counts as an interruption, metres.
         gap_px: Least height of such a hole, pixels.
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
@@ -85,6 +89,7 @@ class Thresholds:
     )
     least_width_m: float = 0.20
     least_height_m: float = 0.25
+    vehicle_m: float = 0.7
     person_height_m: float = 0.60
     least_area_px: float = 14.0
     least_confidence: float = 0.40
@@ -104,8 +109,10 @@ class Thresholds:
     bend_spacing_px: float = 6.0
     bend_join_m: float = 5.0
     bend_step_px: float = 1.2
+    bend_slope: float = 0.7
     ripple_rows: int = 7
     ripple_share: float = 0.8
+    ripple_doubt: float = 0.5
     gap_m: float = 1.0
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0

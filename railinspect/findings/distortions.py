@@ -12,6 +12,7 @@ from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import TrackGeometry
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 
 def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
@@ -30,21 +31,28 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
     smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
-    # Doubtful samples may take part here: another track's rail moves one of ours, or both to one
-    # side, but never both to and fro.
-    if (ripple := _ripple(everything, limit, limits)) is not None:
+    # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
+    if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
     together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
-    lobes = _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
+    along = np.append(np.diff(profile.chainage_m), 0.0)
+    gentle = np.full_like(metre, limits.bend_step_px * scale)
+    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
+    lobes = [
+        lobe
+        for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
+        if not any(_jumps(everything[:, i], lobe, limit, steepest) for i in range(2))
+    ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
         own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
         extra = [
             lobe
             for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
-            if _continuous(residual[:, rail], lobe, limits.bend_step_px * scale)
+            if not _jumps(everything[:, rail], lobe, limit, gentle)
+            and np.isfinite(residual[max(0, lobe[0] - 8) : lobe[1] + 9, rail]).all()
         ]
         lobes += extra
         kind += [name] * len(extra)
@@ -53,7 +61,9 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     return [_distortion(track, lobes, kind, limit, smooth, limits)]
 
 
-def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int, int] | None:
+def _ripple(
+    residual: Array, doubtful: Bools, limit: Array, limits: Thresholds
+) -> tuple[int, int, int] | None:
     """First and last row and peak of a stretch where both rails swing together.
 
     The mean product of the two rails' residuals is the square of what they share; what the
@@ -67,6 +77,8 @@ def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int
     half = length // 2
     rows = np.flatnonzero(high[half : len(high) - half - 4]) + half
     for row in rows:
+        if doubtful[row - half : row + half + 1].mean() > limits.ripple_doubt:
+            continue
         part = residual[row - half : row + half + 1]
         if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
             inside = rows[(rows >= row) & (rows <= row + 6 * length)]
@@ -75,14 +87,22 @@ def _ripple(residual: Array, limit: Array, limits: Thresholds) -> tuple[int, int
     return None
 
 
-def _continuous(residual_px: Array, lobe: tuple[int, int, int], step_px: float) -> bool:
-    """Whether one rail bends out and back without a jump or a hole.
+def _jumps(
+    residual_px: Array, lobe: tuple[int, int, int], limit: Array, steepest_px: Array
+) -> bool:
+    """Whether a rail's place jumps by more than any bend could, in or beside a deviation.
 
-    Where another rail crosses, the measured centre goes along with it and jumps back.
+    Where another rail crosses or leaves, the measured centre goes along with it and jumps back,
+    which may be farther on than the other rail's deviation lasts.
     """
+    off = np.flatnonzero(np.abs(residual_px) < 0.5 * limit)
     first, last, _ = lobe
-    window = residual_px[max(0, first - 8) : last + 9]
-    return bool(np.all(np.abs(np.diff(window)) <= step_px))  # NaN compares False
+    before, after = off[off < first], off[off > last]
+    first = int(before[-1]) if len(before) else 0
+    last = int(after[0]) if len(after) else len(residual_px) - 1
+    beside = slice(max(0, first - 8), last + 9)
+    step = np.abs(np.diff(residual_px[beside]))
+    return bool(np.any(step > steepest_px[beside][: len(step)]))  # NaN compares False
 
 
 def _running_mean(values: Array, length: int) -> Array:

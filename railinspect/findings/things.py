@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from railinspect.findings.finding import Finding, FindingType
 from railinspect.findings.place import place_on_track
-from railinspect.labels import CLASSES, HUMAN, ON_RAILS
+from railinspect.labels import CAR, CLASSES, HUMAN, ON_RAILS, TRUCK
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.intp]
+
+_VEHICLES = (CLASSES[CAR], CLASSES[TRUCK], CLASSES[ON_RAILS])
 
 
 def find_things(
@@ -269,6 +271,8 @@ def _judge(
     polygon = cv2.convexHull(points.reshape(-1, 1, 2)).reshape(-1, 2).astype(float)
     classes = segmentation.labels[top : base + 1, first : last + 1][body]
     name = CLASSES[int(np.bincount(classes[classes < len(CLASSES)], minlength=1).argmax())]
+    if name in _VEHICLES and height_m < limits.vehicle_m:
+        return None
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
     if sure < limits.least_confidence:
         return None

@@ -30,6 +30,8 @@ class Centres:
         width_px: Width of the run at half its height, pixels, shape (M, 2).
         other: Height of a second run beside it, relative to the first, 0..1, shape (M, 2).
         between: Mean rail probability at three places between the rails, 0..1, shape (M,).
+        beside: Highest rail probability close beside the rails, 0..1: another track's rail at a
+            switch or crossing. Shape (M,).
         metre_px: Pixels per metre across the track, shape (M,).
         uv: Pixel of each rail's centre (of its place on the path where unseen), (M, 2, 2).
     """
@@ -40,6 +42,7 @@ class Centres:
     width_px: Array
     other: Array
     between: Array
+    beside: Array
     metre_px: Array
     uv: Array
 
@@ -58,6 +61,8 @@ def _measure(
     width: Array,
     other: Array,
     between: Array,
+    aside: Array,
+    aside_m: float,
     metre_px: Array,
     uv: Array,
 ) -> None:
@@ -75,6 +80,20 @@ def _measure(
             t = 0.25 + 0.25 * k
             ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
             between[i] += max(0.0, ground) / (3.0 * 255.0)
+        # Another rail: anything rail-like up to aside_m beside one of our rails, but not at it.
+        um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
+        keep_off = max(0.45 * metre, 8.0 * step)
+        aside[i] = 0.0
+        if spacing > 40.0 * step:
+            far = 0.5 * spacing + aside_m * metre
+            d = -far
+            while d <= far:
+                off = abs(abs(d) - 0.5 * spacing)
+                if keep_off < off <= aside_m * metre:
+                    c = um + d * (ul - ur) / spacing
+                    r = vm + d * (vl - vr) / spacing
+                    aside[i] = max(aside[i], bilinear(score, c, r) / 255.0)
+                d += 3.0 * step
         for rail in range(2):
             u, v = (ul, vl) if rail == 0 else (ur, vr)
             du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
@@ -154,7 +173,7 @@ def measure_centres(
     path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
     m = len(path)
     offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
-    between, metre, uv = np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
+    between, beside, metre, uv = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
     _measure(
         score,
         level.vector(),
@@ -168,7 +187,9 @@ def measure_centres(
         width,
         other,
         between,
+        beside,
+        settings.switch_m,
         metre,
         uv,
     )
-    return Centres(path, offset, peak, width, other, between, metre, uv)
+    return Centres(path, offset, peak, width, other, between, beside, metre, uv)

@@ -92,6 +92,7 @@ def describe(
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
     doubtful = _doubtful(centres, seen, scale)
+    doubtful |= _switch(centres, settings)[:, None]
     smooth, residual = _smooth(
         level, centres, seen, doubtful, scale, settings.stiffness(calibrated)
     )
@@ -152,6 +153,17 @@ def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
         wide[step:] |= bad[:-step]
         wide[:-step] |= bad[step:]
     return wide
+
+
+def _switch(centres: Centres, settings: FollowerSettings) -> Bools:
+    """Samples at or near a place where another track's rail lies close beside one of ours."""
+    other = centres.beside >= settings.switch_score
+    kept = other[2:] & other[1:-1] & other[:-2]
+    x = centres.path[:, 0]
+    near = np.zeros(len(x), bool)
+    for place in x[1:-1][kept][::3]:
+        near |= np.abs(x - place) <= settings.switch_reach_m
+    return near
 
 
 def _contrast(growth: Growth, centres: Centres) -> float:

@@ -48,6 +48,10 @@ class FollowerSettings:
             transitions of a 200 m curve reach it, a ripple exceeds it many times.
         unknown_focal: With an unknown focal length distances along the track may be wrong by
             this factor, curvatures by its square and their change by its cube.
+        switch_m: Another track's rail closer than this beside one of ours makes a switch,
+        switch_score: if its probability reaches this over three rows.
+        switch_reach_m: So far before and behind a switch says a rail's place nothing about its
+            shape: the blades lie too close to the rails to be told apart.
         fine_reach_m: Half-width of the search for each rail's centre around the grown path.
     """
 
@@ -80,6 +84,9 @@ class FollowerSettings:
     curvature_std: float = 1 / 150
     curvature_rate: float = 1.2e-4
     unknown_focal: float = 1.4
+    switch_m: float = 1.0
+    switch_score: float = 0.30
+    switch_reach_m: float = 6.0
     fine_reach_m: float = 0.35
 
     def stiffness(self, calibrated: bool) -> tuple[float, float]:
