@@ -6,4 +6,4 @@ from hypothesis import settings
 settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
 
-collect_ignore_glob = ["runs/*", "build/*", "train.py", "evaluate.py"]
+collect_ignore_glob = ["tests/*/conftest.py", "runs/*", "build/*", "train.py", "evaluate.py"]

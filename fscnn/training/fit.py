@@ -101,6 +101,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         run.channels_last,
         asdict(config),
         data_fingerprint(config.data),
+        config.seed,
     )
     if resume is not None:
         checkpoints.read(resume)  # one clear sentence, where Lightning would give a traceback

@@ -32,6 +32,8 @@ class SegmentationModule(lightning.LightningModule):
         channels_last: Memory format of the maps.
         recipe: Resolved configuration, kept in checkpoints.
         fingerprint: Digest of the training data, kept in checkpoints.
+        seed: Seed of dropout and of the loss's draws; each epoch starts from it afresh, so that a
+            run resumed at an epoch's end goes on as if it had never stopped.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class SegmentationModule(lightning.LightningModule):
         channels_last: bool = True,
         recipe: Mapping[str, Any] | None = None,
         fingerprint: str = "",
+        seed: int = 0,
     ) -> None:
         super().__init__()
         self.format = torch.channels_last if channels_last else torch.contiguous_format
@@ -58,6 +61,7 @@ class SegmentationModule(lightning.LightningModule):
         self.average = WeightAverage(self.network, average)
         self.recipe = dict(recipe or {})
         self.fingerprint = fingerprint
+        self.seed = seed
         self.clock = Clock(self.schedule)
         self.scores = Scores()
         self._spent_s = 0.0
@@ -79,6 +83,8 @@ class SegmentationModule(lightning.LightningModule):
 
     def on_train_batch_start(self, batch: Any, batch_idx: int) -> int | None:
         """Set the learning rate from the progress; stop at the end of the run."""
+        if batch_idx == 0:  # not earlier: making a loader draws a number too
+            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch)
         progress = self._progress()
         if progress >= 1:
             self.trainer.should_stop = True
