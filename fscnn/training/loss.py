@@ -10,19 +10,33 @@ from torch.nn import functional
 
 from fscnn.models.decision import rail_probability, split
 from railinspect.labels import (
+    CAR,
     CLASSES,
+    CONSTRUCTION,
+    FENCE,
     HUMAN,
     ON_RAILS,
     POLE,
     RAIL_EMBEDDED,
     RAIL_RAISED,
+    RAIL_TRACK,
     TRAFFIC_LIGHT,
     TRAFFIC_SIGN,
+    TRAM_TRACK,
+    TRUCK,
     VOID,
 )
 
 SMALL_CLASSES = (HUMAN, POLE, TRAFFIC_LIGHT, TRAFFIC_SIGN, ON_RAILS)
 """Classes of few pixels that findings depend on."""
+
+OBSTACLE_CLASSES = (CONSTRUCTION, FENCE, CAR, TRUCK)
+"""Classes of many pixels elsewhere, of few and the more important ones on the track."""
+
+TRACK_CLASSES = (RAIL_TRACK, TRAM_TRACK, RAIL_RAISED, RAIL_EMBEDDED)
+
+NEAR_TRACK_CELLS = 15
+"""How far from a cell of the track an obstacle counts as on it."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +45,8 @@ class LossConfig:
 
     Attributes:
         rail_weight: Cross-entropy weight of the two rail classes.
-        small_weight: Cross-entropy weight of people, poles, signals, signs and rail vehicles.
+        small_weight: Cross-entropy weight of people, poles, signals, signs and rail vehicles, and
+            of every obstacle on or next to the track.
         dice: Weight of the soft Dice term on rails.
         rail_entropy: Weight of the binary cross entropy of rails at full resolution.
         label_smoothing: Label smoothing of the cross entropy.
@@ -59,6 +74,10 @@ class RailLoss(nn.Module):
         weights[[RAIL_RAISED, RAIL_EMBEDDED]] = config.rail_weight
         weights[list(SMALL_CLASSES)] = config.small_weight
         self.register_buffer("weights", weights, persistent=False)
+        for name, members in (("obstacle", OBSTACLE_CLASSES), ("track", TRACK_CLASSES)):
+            table = torch.zeros(256)
+            table[list(members)] = 1.0
+            self.register_buffer(name, table, persistent=False)
 
     def forward(self, scores: Tensor, masks: Tensor) -> dict[str, Tensor]:
         """Loss terms and their ``total``.
@@ -72,16 +91,15 @@ class RailLoss(nn.Module):
         # A random one of each cell's pixels: any fixed one would shift labels against the image.
         row, column = (int(v) for v in torch.randint(stride, (2,)))
         cells = masks[:, row::stride, column::stride].long()
-        classes = functional.cross_entropy(
+        each = functional.cross_entropy(
             split(scores)[0],
             cells,
-            self.weights,
             ignore_index=VOID,
-            reduction="sum",
+            reduction="none",
             label_smoothing=self.config.label_smoothing,
         )
-        known_cells = self.weights[cells.clamp(max=len(CLASSES) - 1)] * (cells != VOID)
-        classes = classes / known_cells.sum().clamp(min=1.0)
+        weights = self._weights(cells)
+        classes = (each * weights).sum() / weights.sum().clamp(min=1.0)
 
         rails = rail_probability(scores, stride)[:, 0]
         known = (masks != VOID).float()
@@ -95,3 +113,14 @@ class RailLoss(nn.Module):
         dice = 1 - (2 * overlap + 1) / (rails.sum() + truth.sum() + 1)
         total = classes + self.config.rail_entropy * entropy + self.config.dice * dice
         return {"classes": classes, "rail_entropy": entropy, "dice": dice, "total": total}
+
+    def _weights(self, cells: Tensor) -> Tensor:
+        """Weight of each cell: its class's, more for an obstacle near the track, 0 for void."""
+        # Every second cell will do for what is near.
+        track = self.track[cells[:, None, ::2, ::2]]
+        for size in ((NEAR_TRACK_CELLS, 1), (1, NEAR_TRACK_CELLS)):
+            track = functional.max_pool2d(track, size, 1, (size[0] // 2, size[1] // 2))
+        near = functional.interpolate(track, size=cells.shape[1:], mode="nearest")[:, 0]
+        extra = near * self.obstacle[cells] * (self.config.small_weight - 1)
+        known = (cells != VOID).float()
+        return known * (self.weights[cells.clamp(max=len(CLASSES) - 1)] + extra)

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from fscnn.training.loss import LossConfig, RailLoss
-from railinspect.labels import CLASSES, RAIL_RAISED, SKY, VOID
+from railinspect.labels import CLASSES, CONSTRUCTION, HUMAN, RAIL_RAISED, RAIL_TRACK, SKY, VOID
 
 
 def perfect(masks: torch.Tensor, certainty: float = 30.0) -> torch.Tensor:
@@ -35,3 +35,14 @@ def test_gradient_is_finite_where_the_network_is_surely_wrong() -> None:
     scores.requires_grad_()
     RailLoss(LossConfig())(scores, masks)["total"].backward()
     assert torch.isfinite(scores.grad).all()  # type: ignore[arg-type]
+
+
+def test_an_obstacle_weighs_more_near_the_track_than_away_from_it() -> None:
+    masks = torch.full((1, 160, 96), SKY, dtype=torch.uint8)
+    masks[:, :40] = RAIL_TRACK
+    masks[:, 20:24] = CONSTRUCTION  # on the track
+    masks[:, 30:34] = HUMAN
+    masks[:, 150:154] = CONSTRUCTION  # a house, far from it
+    masks[:, 158:] = VOID
+    weights = RailLoss(LossConfig(small_weight=3.0))._weights(masks[:, ::2, ::2].long())
+    assert [float(weights[0, v // 2, 5]) for v in (10, 22, 32, 100, 152, 159)] == [1, 3, 3, 1, 1, 0]
