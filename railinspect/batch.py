@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 
 from railinspect.camera import Camera
-from railinspect.errors import OutputError
+from railinspect.errors import BadInputError, OutputError
 from railinspect.events import Event, EventSettings
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
 from railinspect.records import FrameRecord, event_json
@@ -21,6 +21,7 @@ from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
+from railinspect.speed_log import SpeedLog
 from railinspect.thresholds import Thresholds
 from railinspect.video import Break, Frame, Source, open_source
 from railinspect.warmup import warm_up
@@ -34,6 +35,7 @@ class InspectSettings:
     Attributes:
         camera: The calibrated camera; None estimates one from each track.
         train: The train the advice is for; None gives no advice.
+        speed_log: The train's speed over media time, in place of ``train``'s own; fits one input.
         speed_is_known: False where the train's speed is an assumption.
         policy: Margins and thresholds of the decision.
         thresholds: Limits above which a deviation is a finding.
@@ -44,6 +46,7 @@ class InspectSettings:
 
     camera: Camera | None = None
     train: Train | None = None
+    speed_log: SpeedLog | None = None
     speed_is_known: bool = True
     policy: Policy = field(default_factory=Policy)
     thresholds: Thresholds = field(default_factory=Thresholds)
@@ -83,6 +86,7 @@ class InputSummary:
     finding_frames: int = 0
     unknown_frames: int = 0
     followed_frames: int = 0
+    speed_unknown_frames: int = 0
     first_time_s: float | None = None
     last_time_s: float | None = None
     events: int = 0
@@ -141,6 +145,7 @@ class RunSummary:
             "seconds": round(self.seconds, 3),
             "followed_fraction": round(self.followed_fraction, 4),
             "unknown_frames": self.unknown_frames,
+            "speed_unknown_frames": sum(one.speed_unknown_frames for one in self.inputs),
             "finding_frames": sum(one.finding_frames for one in self.inputs),
             "events": self.events,
             "breaks": sum(one.break_count for one in self.inputs),
@@ -192,11 +197,32 @@ def inspect_inputs(
         open_source(path, settings.folder_rate_hz).close()
     first = open_source(paths[0], settings.folder_rate_hz)
     try:
+        _check_speed_log(settings.speed_log, paths, first)
         run = _Run(RunFolder.claim(out), paths, segmenter, settings, steps)
     except BaseException:
         first.close()
         raise
     return run.inspect(first, progress)
+
+
+def _check_speed_log(log: SpeedLog | None, paths: Sequence[Path], source: Source) -> None:
+    """Refuse a log that cannot belong to the input.
+
+    Raises:
+        BadInputError: if there are several inputs, or the log and the recording do not overlap.
+    """
+    if log is None:
+        return
+    if len(paths) > 1:
+        raise BadInputError(
+            f"speed log {log.source} fits one recording, not {len(paths)}; inspect them one by one"
+        )
+    first, last = log.span_s
+    if last < 0 or (source.duration_s is not None and first > source.duration_s):
+        raise BadInputError(
+            f"speed log {log.source} runs from {first:.1f} s to {last:.1f} s of media time, the "
+            f"recording from 0 s to {source.duration_s or 0:.1f} s; check the times and --started"
+        )
 
 
 class _Run:
@@ -264,6 +290,7 @@ class _Run:
             self._settings.policy,
             thresholds=self._settings.thresholds,
             event_settings=EventSettings.still() if still else self._settings.events,
+            speed_log=self._settings.speed_log,
             speed_is_known=self._settings.speed_is_known,
             first_event_id=self._next_id,
             steps=self._steps,
@@ -317,6 +344,7 @@ class _Run:
         summary.finding_frames += record.status == "finding"
         summary.unknown_frames += record.status == "unknown"
         summary.followed_frames += record.followed
+        summary.speed_unknown_frames += record.speed_mps is None
         if summary.first_time_s is None:
             summary.first_time_s = record.time_s
         summary.last_time_s = record.time_s

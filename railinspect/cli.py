@@ -18,6 +18,7 @@ from railops.errors import RailOpsError
 
 if TYPE_CHECKING:
     from railinspect.batch import RunSummary
+    from railinspect.speed_log import SpeedLog
     from railops.braking import Train
 
 DONE: Final = 0
@@ -163,12 +164,22 @@ def _add_inspect(commands: Any) -> None:
         metavar="YAML",
         help="train the advice is for (default: a suburban multiple unit on level track)",
     )
+    speed = parser.add_mutually_exclusive_group()
+    speed.add_argument(
+        "--speed",
+        metavar="V|FILE",
+        help="the train's speed, m/s, or with its unit (20m/s, 72km/h), or a file of speeds over "
+        "time (.csv, .gpx); sizes the advice and helps following objects (default: that of "
+        f"--train, else unknown, and the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
+    )
+    speed.add_argument(
+        "--speed-kmh", type=float, metavar="V", help="the same as --speed Vkm/h, km/h"
+    )
     parser.add_argument(
-        "--speed-kmh",
-        type=float,
-        metavar="V",
-        help="the train's speed, km/h; sizes the advice and helps following objects (default: "
-        f"unknown, the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
+        "--started",
+        metavar="TIME",
+        help="clock time of the recording's time zero, for a speed file with clock times, such as "
+        "2026-05-01T12:00:00Z (default: the file's times are media times)",
     )
     parser.add_argument(
         "--rate",
@@ -192,10 +203,12 @@ def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.camera import Camera
     from railinspect.progress import ProgressLine
 
+    train, log, known = _train(options)
     settings = InspectSettings(
         camera=Camera.load(options.camera) if options.camera else None,
-        train=_train(options),
-        speed_is_known=options.speed_kmh is not None,
+        train=train,
+        speed_log=log,
+        speed_is_known=known,
         folder_rate_hz=options.rate,
         overlay=not options.no_overlay,
     )
@@ -216,15 +229,32 @@ def _run_inspect(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _train(options: argparse.Namespace) -> Train:
+def _train(options: argparse.Namespace) -> tuple[Train, SpeedLog | None, bool]:
+    """The train, its speed log if there is one, and whether its speed is known at all."""
+    from railinspect.speed_files import clock_time, constant_speed_mps, read_speed_log
     from railops.braking import Train
+    from railops.files import read_mapping
 
-    if options.speed_kmh is not None and not 0 <= options.speed_kmh <= 500:
-        raise BadInputError(f"speed is {options.speed_kmh} km/h; give 0 to 500 km/h")
-    kmh = ASSUMED_SPEED_KMH if options.speed_kmh is None else options.speed_kmh
+    started = clock_time(options.started) if options.started else None
+    log, speed = None, None
+    if options.speed_kmh is not None:
+        if not 0 <= options.speed_kmh <= 500:
+            raise BadInputError(f"speed is {options.speed_kmh} km/h; give 0 to 500 km/h")
+        speed = options.speed_kmh / 3.6
+    elif options.speed is not None:
+        speed = constant_speed_mps(options.speed)
+        if speed is None:
+            log = read_speed_log(options.speed, started)
+            speed = log.highest_mps
+    if started is not None and log is None:
+        raise BadInputError("--started says when a file of speeds begins; give one with --speed")
+    known = speed is not None
     if options.train:
-        return Train.load(options.train, speed_mps=kmh / 3.6)
-    return Train(speed_mps=kmh / 3.6)
+        known = known or "speed_mps" in read_mapping(options.train, "train file")
+        if not known:
+            speed = ASSUMED_SPEED_KMH / 3.6
+        return Train.load(options.train, speed), log, known
+    return Train(speed if speed is not None else ASSUMED_SPEED_KMH / 3.6), log, known
 
 
 def _print_summary(summary: RunSummary) -> None:

@@ -41,6 +41,7 @@ class Candidate:
     advice: str | None = None
     advice_reason: str | None = None
     advice_rank: int = -1
+    advice_time_s: float | None = None
     thumbnail_jpeg: bytes | None = None
 
     @property
@@ -171,5 +172,6 @@ class Candidate:
             closest_time_s=closest[2] if closest else None,
             advice=self.advice,
             advice_reason=self.advice_reason,
+            advice_time_s=self.advice_time_s,
             thumbnail_jpeg=self.thumbnail_jpeg,
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from railinspect.boxes import Box
 from railinspect.errors import BadInputError
+from railops.braking import BrakeMoments
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,9 @@ class Event:
     """One obstacle, from its first sighting to its last.
 
     Times are media times in seconds, ranges metres along the track with 95 % intervals, boxes
-    input pixels. ``advice`` is the most severe action that was advised because of this event.
+    input pixels. ``advice`` is the most severe action that was advised because of this event,
+    ``advice_time_s`` when it first was. ``brake`` says when braking for it had to start; it is
+    there once the event has ended, where a train was given.
     """
 
     id: int
@@ -91,6 +94,8 @@ class Event:
     closest_time_s: float | None
     advice: str | None = None
     advice_reason: str | None = None
+    advice_time_s: float | None = None
+    brake: BrakeMoments | None = None
     thumbnail_jpeg: bytes | None = None
 
 

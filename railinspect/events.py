@@ -122,11 +122,22 @@ class EventTracker:
             found.thumbnail_jpeg = jpeg
             found.best_frame, found.best_box_xyxy = found.last_frame, found.box_xyxy
 
-    def note_advice(self, event_id: int, action: str, rank: int, reason: str | None) -> None:
-        """Remember the most severe advice given because of the event (higher rank wins)."""
+    def note_advice(
+        self, event_id: int, action: str, rank: int, reason: str | None, time_s: float
+    ) -> None:
+        """Remember the first of the most severe advices given because of the event.
+
+        Args:
+            event_id: The event.
+            action: What was advised.
+            rank: Its severity; the higher wins.
+            reason: Why.
+            time_s: When, media time, seconds.
+        """
         found = self._find(event_id)
         if found is not None and rank > found.advice_rank:
             found.advice, found.advice_rank, found.advice_reason = action, rank, reason
+            found.advice_time_s = time_s
 
     def finish(self) -> tuple[Event, ...]:
         """End everything: the confirmed events that were still live."""

@@ -16,14 +16,24 @@ import numpy.typing as npt
 from railinspect._threads import prefetch
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
+from railinspect.journey import Journey
 from railinspect.ranging import Range, range_of
 from railinspect.records import FrameRecord, LocatedFinding, Status
 from railinspect.segmenter import Segmenter
+from railinspect.speed_log import SpeedLog
 from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
 from railinspect.track.geometry import SegmentationLike
 from railinspect.video import Frame, Source, open_source
-from railops.braking import Advice, Policy, RangeMeasurement, Train, decide
+from railops.braking import (
+    Advice,
+    BrakeMoment,
+    BrakeMoments,
+    Policy,
+    RangeMeasurement,
+    Train,
+    decide,
+)
 from railops.errors import CannotStopError
 
 if TYPE_CHECKING:
@@ -63,6 +73,8 @@ class Inspector:
         policy: Margins and thresholds of the decision.
         thresholds: Limits above which a deviation is a finding.
         event_settings: When findings become an event.
+        speed_log: The train's speed over media time, in place of ``train``'s own. Where it says
+            nothing, every advice takes the policy's cautious branch.
         speed_is_known: False where the train's speed is only assumed; it then sizes the advice
             but is not used to follow objects from frame to frame.
         first_event_id: Id of the first event.
@@ -78,17 +90,20 @@ class Inspector:
         *,
         thresholds: Thresholds | None = None,
         event_settings: EventSettings | None = None,
+        speed_log: SpeedLog | None = None,
         speed_is_known: bool = True,
         first_event_id: int = 1,
         steps: Steps | None = None,
     ) -> None:
         self._segmenter = segmenter
         self._camera = camera
-        self._train = train
+        if train is None and speed_log is not None:
+            train = Train(speed_mps=speed_log.highest_mps)
+        self._journey = Journey(train, speed_log, speed_is_known) if train else None
+        self._places: dict[int, tuple[float, float, float]] = {}
         self._policy = policy or Policy()
         self._thresholds = thresholds or Thresholds()
         self._steps = steps or Steps()
-        self._speed_is_known = speed_is_known and train is not None
         self._events = EventTracker(event_settings, first_event_id)
         self._follower: TrackFollower | None = None
         self._size_wh = (0, 0)
@@ -97,12 +112,12 @@ class Inspector:
     @property
     def speed_mps(self) -> float | None:
         """The train's speed, m/s, where it is known; assign to it as the speed changes."""
-        return self._train.speed_mps if self._train and self._speed_is_known else None
+        return self._journey.speed_mps if self._journey else None
 
     @speed_mps.setter
     def speed_mps(self, value: float) -> None:
-        self._train = replace(self._train or Train(speed_mps=value), speed_mps=value)
-        self._speed_is_known = True
+        self._journey = self._journey or Journey(Train(speed_mps=value))
+        self._journey.assign(value)
 
     @property
     def next_event_id(self) -> int:
@@ -126,6 +141,8 @@ class Inspector:
         """
         if segmentation is None:
             segmentation = self._segmenter(frame.rgb)
+        if self._journey is not None:
+            self._journey.advance(frame.time_s)
         track = self._follower_for(frame).update(segmentation, frame)
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
@@ -141,7 +158,7 @@ class Inspector:
             self.speed_mps,
             None if vanishing is None else (float(vanishing[0]), float(vanishing[1])),
         )
-        self._ended.extend(update.ended)
+        self._ended.extend(map(self._looked_back, update.ended))
         for event in update.live:
             if self._events.wants_thumbnail(event.id, frame.index):
                 self._events.set_thumbnail(event.id, self._thumbnail(frame, event.id))
@@ -162,6 +179,8 @@ class Inspector:
             reach_m=track.reach_m,
             findings=located,
             advice=self._advise(frame.time_s, update.live, doubt is not None),
+            speed_mps=self.speed_mps,
+            speed_error_mps=self._speed_error_mps,
         )
 
     def take_ended(self) -> tuple[Event, ...]:
@@ -171,7 +190,14 @@ class Inspector:
 
     def finish(self) -> tuple[Event, ...]:
         """End the recording: every event not yet taken, including those still live."""
-        return (*self.take_ended(), *self._events.finish())
+        return (*self.take_ended(), *map(self._looked_back, self._events.finish()))
+
+    @property
+    def _speed_error_mps(self) -> float | None:
+        if self._journey is None or self._journey.speed_mps is None:
+            return None
+        train = self._journey.train
+        return train.fastest_mps - train.speed_mps
 
     def _follower_for(self, frame: Frame) -> TrackFollower:
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
@@ -190,15 +216,17 @@ class Inspector:
 
     def _advise(self, time_s: float, live: tuple[Event, ...], unknown: bool) -> Advice | None:
         """The most severe advice over all confirmed events; None if there is nothing to decide."""
-        if self._train is None:
+        if self._journey is None:
             return None
         advised: list[Advice] = []
         for event in live:
             if time_s - event.last_time_s > DECISION_S:
                 continue
-            advice = self._decide(self._measurements(event, time_s), unknown, time_s)
+            measured = self._measurements(event, time_s)
+            self._note_place(event.id, measured[-1], time_s)
+            advice = self._decide(measured, unknown, time_s)
             self._events.note_advice(
-                event.id, advice.action, ACTIONS.index(advice.action), advice.reason
+                event.id, advice.action, ACTIONS.index(advice.action), advice.reason, time_s
             )
             advised.append(advice)
         if not advised and unknown:
@@ -213,10 +241,43 @@ class Inspector:
             return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
         return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in seen]
 
+    def _note_place(self, event_id: int, measured: RangeMeasurement, time_s: float) -> None:
+        """Keep where on the line the best of an event's measurements so far puts it.
+
+        The best is the one from which least has to be deducted. Only those made where the train's
+        own place was known say anything about the event's.
+        """
+        assert self._journey is not None
+        if not measured.valid or measured.time_s != time_s:
+            return
+        place_m = self._journey.place_m(measured, self._policy)
+        if place_m is None:
+            return
+        deducted_m = measured.range_m - self._policy.range_lower_m(measured)
+        if event_id in self._places and self._places[event_id][0] <= deducted_m:
+            deducted_m, place_m, _ = self._places[event_id]
+        self._places[event_id] = (deducted_m, place_m, time_s)
+
+    def _looked_back(self, event: Event) -> Event:
+        """An ended event with the moments at which braking for it had to start."""
+        if self._journey is None:
+            return event
+        if event.id not in self._places:
+            unknown = BrakeMoment("unknown")
+            return replace(event, brake=BrakeMoments(unknown, unknown))
+        _, place_m, last_s = self._places.pop(event.id)
+        return replace(event, brake=self._journey.moments(last_s, place_m, self._policy))
+
     def _decide(self, measured: list[RangeMeasurement], unknown: bool, time_s: float) -> Advice:
+        assert self._journey is not None
         try:
             return self._steps.decide(
-                measured, self._train, self._policy, perception_unknown=unknown, time_s=time_s
+                measured,
+                self._journey.train,
+                self._policy,
+                perception_unknown=unknown,
+                time_s=time_s,
+                speed_unknown=self._journey.in_doubt,
             )
         except CannotStopError as error:
             if error.advice is None:
@@ -304,6 +365,7 @@ def inspect_video(
     policy: Policy | None = None,
     *,
     folder_rate_hz: float | None = None,
+    speed_log: SpeedLog | None = None,
 ) -> Iterator[FrameRecord]:
     """Inspect a video file, an image folder or an image, frame by frame.
 
@@ -314,6 +376,7 @@ def inspect_video(
         train: The train the advice is for; None gives records without advice.
         policy: Margins and thresholds of the decision.
         folder_rate_hz: Frames per second of an image folder.
+        speed_log: The train's speed over media time.
 
     Returns:
         One record per frame, in order.
@@ -324,7 +387,9 @@ def inspect_video(
     source = open_source(path, folder_rate_hz)
     settings = EventSettings.still() if source.kind == "image" else EventSettings()
     segment = segmenter if segmenter is not None else Segmenter.default()
-    inspector = Inspector(segment, camera, train, policy, event_settings=settings)
+    inspector = Inspector(
+        segment, camera, train, policy, event_settings=settings, speed_log=speed_log
+    )
     return _records(segmented_frames(source, segment), inspector)
 
 

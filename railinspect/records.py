@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from railinspect.events import Event
     from railinspect.findings import Finding
     from railinspect.ranging import Range
-    from railops.braking import Advice, RangeMeasurement
+    from railops.braking import Advice, BrakeMoments, RangeMeasurement
 
 Status = Literal["clear", "finding", "unknown"]
 Array = npt.NDArray[np.float64]
@@ -55,6 +55,8 @@ class FrameRecord:
         findings: The findings with their ranges.
         advice: What the brake decision advises; None if there is nothing to decide, or if no
             train was given.
+        speed_mps: The train's speed, m/s; None where it is unknown or only assumed.
+        speed_error_mps: By how much the train may be faster, m/s; None likewise.
     """
 
     index: int
@@ -69,6 +71,8 @@ class FrameRecord:
     reach_m: float | None
     findings: tuple[LocatedFinding, ...]
     advice: Advice | None
+    speed_mps: float | None = None
+    speed_error_mps: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The object stored as one line of ``frames.jsonl``; pixels to 0.1, times to 1 µs."""
@@ -81,6 +85,8 @@ class FrameRecord:
             "rails": {"left": _points(self.left_uv), "right": _points(self.right_uv)},
             "vanishing_point": None if self.vanishing_uv is None else _points(self.vanishing_uv),
             "reach_m": number(self.reach_m, 2),
+            "speed_mps": number(self.speed_mps, 3),
+            "speed_error_mps": number(self.speed_error_mps, 3),
             "findings": [_finding_json(found) for found in self.findings],
             "advice": advice_json(self.advice),
         }
@@ -156,7 +162,21 @@ def event_json(event: Event, input_name: str, thumbnail: str | None) -> dict[str
         "closest_time_s": number(event.closest_time_s, 6),
         "advice": event.advice,
         "advice_reason": event.advice_reason,
+        "advice_time_s": number(event.advice_time_s, 6),
+        **_moments_json(event.brake),
         "thumbnail": thumbnail,
+    }
+
+
+def _moments_json(moments: BrakeMoments | None) -> dict[str, Any]:
+    """State and media time of both moments; None without a train."""
+    service = moments.service if moments else None
+    emergency = moments.emergency if moments else None
+    return {
+        "service_by": service.state if service else None,
+        "service_by_time_s": number(service.time_s, 3) if service else None,
+        "emergency_by": emergency.state if emergency else None,
+        "emergency_by_time_s": number(emergency.time_s, 3) if emergency else None,
     }
 
 

@@ -33,7 +33,7 @@ _LIBRARIES: Final = ("numpy", "opencv-python-headless", "onnxruntime", "av", "py
 
 def run_info(started: datetime, segmenter: object, settings: InspectSettings) -> dict[str, Any]:
     """Versions, times, model, camera and settings of a run, as JSON values."""
-    train = settings.train
+    train, log = settings.train, settings.speed_log
     return {
         "format": FORMAT,
         "started": started.isoformat(timespec="seconds"),
@@ -48,8 +48,16 @@ def run_info(started: datetime, segmenter: object, settings: InspectSettings) ->
         "settings": {
             "overlay": settings.overlay,
             "folder_rate_hz": settings.folder_rate_hz,
-            "speed_mps": train.speed_mps if train else None,
-            "speed_is_known": settings.speed_is_known and train is not None,
+            "speed_mps": train.speed_mps if train and log is None else None,
+            "speed_is_known": settings.speed_is_known and (log or train) is not None,
+            "speed_log": None
+            if log is None
+            else {
+                "source": log.source,
+                "first_time_s": log.span_s[0],
+                "last_time_s": log.span_s[1],
+                "highest_mps": log.highest_mps,
+            },
             "events": jsonable(settings.events),
             "thresholds": jsonable(settings.thresholds),
             "train": jsonable(train),

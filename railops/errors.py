@@ -99,7 +99,7 @@ def check_range(
         20.0
     """
     try:
-        number = float(value)
+        number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError):
         number = math.nan
     inside = low < number <= high if above else low <= number <= high

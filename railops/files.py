@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
 
 import yaml
 
-from railops.errors import FileError
+from railops.errors import DomainError, FileError
 
 Kind = TypeVar("Kind")
 
@@ -37,7 +38,8 @@ def build(kind: type[Kind], data: Any, where: str) -> Kind:
         where: Names the place in messages ("train file train.yaml").
 
     Raises:
-        FileError: if ``data`` is not a mapping, has unknown keys, or misses one.
+        FileError: if ``data`` is not a mapping, has unknown keys, misses one, or a value lies
+            outside its range.
     """
     if not isinstance(data, dict):
         raise FileError(f"{where}: {kind.__name__} must be a mapping, not {data!r}")
@@ -46,13 +48,25 @@ def build(kind: type[Kind], data: Any, where: str) -> Kind:
     if unknown := sorted(set(map(str, data)) - set(known)):
         raise FileError(f"{where} has unknown keys {unknown}; known: {known}")
     values = {
-        key: build(hints[key], value, f"{where}: {key}") if is_dataclass(hints[key]) else value
+        key: build(hints[key], value, f"{where}: {key}")
+        if is_dataclass(hints[key])
+        else _number(hints[key], value)
         for key, value in data.items()
     }
     try:
         return kind(**values)
     except TypeError as error:
         raise FileError(f"{where} is incomplete or mistyped: {error}") from error
+    except DomainError as error:
+        raise FileError(f"{where}: {error}") from error
+
+
+def _number(kind: Any, value: Any) -> Any:
+    """The value; as a number where YAML 1.1 takes one for text, as it does 1e-3 (not 1.0e-3)."""
+    if kind is float and isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            return float(value)
+    return value
 
 
 def plain(value: Any) -> Any:

@@ -18,6 +18,16 @@ from railinspect.sinks.overlay import STATUS_RGB, TYPE_RGB, clock
 
 Json = Mapping[str, Any]
 
+BRAKES: Final = ("service", "emergency")
+
+MOMENTS: Final = {
+    "not due": "not due while in sight",
+    "before": "before the recording",
+    "cannot stop": "cannot stop the train",
+    "unknown": "unknown",
+}
+"""What the event table says where a brake's moment has no time."""
+
 MAX_PICTURES: Final = 300
 """Events whose picture is embedded; those of later events stay in the run folder."""
 
@@ -49,7 +59,9 @@ def render_page(
         _how(run),
         "<footer>Times are those of the recording. Ranges are along the track from the camera, "
         "with 95 % intervals; where no range is given, the place lies beyond the range that can "
-        "be measured reliably.</footer>",
+        "be measured reliably. Brake by: the last moment at which that brake would still have "
+        "stopped the train short of the place by the protective section, looking back from the "
+        "range that was measured best.</footer>",
     ]
     # The policy forbids every load but inline style and embedded pictures: no network, provably.
     return (
@@ -80,6 +92,11 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
         notes.append(
             f"{_count(unknown, 'frame')} ({unknown / max(frames, 1):.1%}) are unknown: nothing is "
             "claimed about them, in particular not that the track is clear."
+        )
+    if run["settings"]["speed_log"] is not None and counts["speed_unknown_frames"]:
+        notes.append(
+            f"The speed log says nothing about {_count(counts['speed_unknown_frames'], 'frame')}: "
+            "what was seen there is advised on as in doubt."
         )
     if counts["breaks"]:
         notes.append(f"Reading failed in {_count(counts['breaks'], 'place')}, listed below.")
@@ -127,6 +144,8 @@ def _timelines(run: Json, events: list[dict[str, Any]], timelines: Json) -> str:
             parts.append("<p>No frame was inspected.</p>")
         parts.append(_breaks(one))
     swatches = [(f"s-{name}", name) for name in STATUS_RGB] + [(f"t-{n}", n) for n in TYPE_RGB]
+    if any(event[f"{brake}_by_time_s"] is not None for event in events for brake in BRAKES):
+        swatches += [(f"mark a-{brake}", f"{brake} braking had to start") for brake in BRAKES]
     legend = "".join(f'<span><i class="{kind}"></i>{name}</span>' for kind, name in swatches)
     return "".join(parts) + f'<p class="legend">{legend}</p></section>'
 
@@ -149,7 +168,7 @@ def _breaks(one: Json) -> str:
 def _event_table(run: Json, events: list[dict[str, Any]], at: RunFolder) -> str:
     several = len(run["inputs"]) > 1
     heads = ["#", "Picture", "Type", *(["Input"] if several else []), "First seen"]
-    heads += ["First range", "Closest range", "Seen", "Advice"]
+    heads += ["First range", "Closest range", "Seen", "Brake by", "Advice"]
     rows = "".join(_event_row(event, several, at) for event in events)
     if not events:
         rows = f'<tr><td colspan="{len(heads)}">No event was confirmed.</td></tr>'
@@ -179,6 +198,7 @@ def _event_row(event: Json, several: bool, at: RunFolder) -> str:
         _range(event["closest_range_m"], event["closest_range_interval_m"]),
         f"{event['last_time_s'] - event['first_time_s']:.1f} s"
         f"<small>{_count(event['frames_seen'], 'frame')}</small>",
+        _brake_by(event),
         _advice(event),
     ]
     inner = "".join(f"<td>{cell}</td>" for cell in cells)
@@ -207,12 +227,31 @@ def _range(range_m: float | None, bounds: list[float | None] | None) -> str:
     return f"{range_m:.1f} m<small>{bounds[0]:.1f} to {bounds[1]:.1f} m</small>"
 
 
+def _brake_by(event: Json) -> str:
+    """When each brake had to be applied, and whether the event was confirmed by then."""
+    lines = []
+    for brake in BRAKES:
+        state, time_s = event[f"{brake}_by"], event[f"{brake}_by_time_s"]
+        if state is None:
+            return "–"
+        said = clock(time_s) if time_s is not None else MOMENTS[state]
+        lines.append(f"<span>{brake}: {said}</span>")
+        if time_s is not None:
+            early_s = time_s - event["confirmed_time_s"]
+            when = f"confirmed {abs(early_s):.1f} s {'before' if early_s >= 0 else 'too late'}"
+            lines.append(f"<small{'' if early_s >= 0 else ' class=late'}>{when}</small>")
+        else:
+            lines.append("<br>")
+    return "".join(lines)
+
+
 def _advice(event: Json) -> str:
     if event["advice"] is None:
         return "–"
     action = escape(event["advice"])
+    since = f" from {clock(event['advice_time_s'])}" if event["advice_time_s"] is not None else ""
     reason = f"<small>{escape(event['advice_reason'])}</small>" if event["advice_reason"] else ""
-    return f'<span class="badge a-{action}">{action}</span>{reason}'
+    return f'<span class="badge a-{action}">{action}</span>{since}{reason}'
 
 
 def _unknown(run: Json, timelines: Mapping[str, InputTimeline]) -> str:
@@ -269,11 +308,7 @@ def _how(run: Json) -> str:
     rows.append(("Model", _model(run["model"])))
     rows.append(("Camera", _camera(run["camera"])))
     settings = run["settings"]
-    if settings["speed_mps"] is None:
-        rows.append(("Speed", "not given: no advice"))
-    else:
-        known = "given" if settings["speed_is_known"] else "assumed, as none was given"
-        rows.append(("Speed", f"{settings['speed_mps'] * 3.6:.0f} km/h ({known})"))
+    rows.append(("Speed", _speed(settings, run["counts"]["speed_unknown_frames"])))
     events = settings["events"]
     rows.append(
         (
@@ -286,6 +321,21 @@ def _how(run: Json) -> str:
     rows.append(("Versions", versions))
     inner = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in rows)
     return f'<section id="how"><h2>How it was inspected</h2><dl>{inner}</dl></section>'
+
+
+def _speed(settings: Json, unknown_frames: int) -> str:
+    """Where the train's speed came from."""
+    if (log := settings["speed_log"]) is not None:
+        frames = _count(unknown_frames, "frame")
+        unknown = f"; unknown in {frames}, where braking is advised in doubt"
+        return (
+            f"{log['source']}, {clock(log['first_time_s'])} to {clock(log['last_time_s'])}, up to "
+            f"{log['highest_mps'] * 3.6:.0f} km/h{unknown if unknown_frames else ''}"
+        )
+    if settings["speed_mps"] is None:
+        return "not given: no advice"
+    known = "given" if settings["speed_is_known"] else "assumed, as none was given"
+    return f"{settings['speed_mps'] * 3.6:.0f} km/h ({known})"
 
 
 def _model(model: Json | None) -> str:

@@ -36,17 +36,20 @@ td { border-bottom:1px solid var(--line); padding:8px 10px; vertical-align:top;
 tr:last-child td { border-bottom:0; }
 #events td:first-child { font-weight:600; }
 #events td { min-width:40px; }
-#events td:nth-last-child(-n+5):not(:last-child) { white-space:nowrap; }
+#events td:nth-last-child(-n+6):not(:nth-last-child(-n+2)) { white-space:nowrap; }
+#events td:nth-last-child(2) { min-width:118px; overflow-wrap:normal; }
 #events td:last-child { min-width:150px; }
 tr:target td { background:#fff7e6; }
 td small { color:var(--soft); display:block; font-size:12.5px; }
-td img { display:block; width:180px; height:auto; border-radius:6px; }
+td img { display:block; width:150px; height:auto; border-radius:6px; }
 .scroll { overflow-x:auto; }
 .badge { display:inline-block; border-radius:999px; padding:1px 10px; font-weight:600;
   font-size:13px; color:#191c20; white-space:nowrap; }
 .legend { display:flex; flex-wrap:wrap; gap:6px 16px; font-size:13px; color:var(--soft);
   margin:8px 0 0; }
 .legend i { display:inline-block; width:11px; height:11px; border-radius:3px; margin-right:6px; }
+.legend i.mark { border-radius:0; width:13px; clip-path:polygon(0 0,100% 0,50% 100%); }
+td small.late { color:#b3261e; font-weight:600; }
 dl { display:grid; grid-template-columns:max-content 1fr; gap:4px 18px; margin:0; font-size:14px; }
 dt { color:var(--soft); } dd { margin:0; overflow-wrap:anywhere; }
 .alert { background:#fdecec; border:1px solid #f3b9b9; border-radius:8px; padding:10px 14px;
@@ -58,6 +61,7 @@ svg.timeline text { font:11.5px system-ui,-apple-system,"Segoe UI",Roboto,Arial,
 svg.timeline text.label { font-weight:600; fill:#333d4a; }
 svg.timeline .grid { stroke:#e4e9ef; stroke-width:1; }
 svg.timeline .none { fill:#fff; stroke:#c9d1da; stroke-dasharray:3 3; }
+svg.timeline line.lead { stroke-width:1; stroke-dasharray:2 2; }
 svg.timeline .break line { stroke:#d02a2a; stroke-width:2; stroke-dasharray:5 3; }
 footer { color:var(--soft); font-size:13px; margin-top:22px; }
 @media print { body { background:#fff; } section,.card { break-inside:avoid; } }
@@ -77,4 +81,5 @@ def style_sheet() -> str:
         rules.append(f".s-{name} {{ fill:{_hex(colour)}; background:{_hex(colour)}; }}")
     for name, colour in ACTION_RGB.items():
         rules.append(f".a-{name} {{ background:{_hex(colour)}; }}")
+        rules.append(f".m-{name} {{ fill:{_hex(colour)}; stroke:{_hex(colour)}; stroke-width:2; }}")
     return "\n".join(rules)

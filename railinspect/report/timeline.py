@@ -1,4 +1,4 @@
-"""The timeline as inline SVG: status over time, events, and their ranges as the train nears."""
+"""The timeline as inline SVG: status, events, when braking had to start, ranges over time."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ _LEFT: Final = 46.0
 _BAND_H: Final = 22.0
 _ROW_H: Final = 19.0
 _CHART_H: Final = 130.0
+_MARK_W: Final = 5.0
 
 
 def timeline_svg(
@@ -95,6 +96,7 @@ def _pack(
     for event in sorted(events, key=lambda item: item["first_time_s"]):
         start = _x(timeline, event["first_time_s"])
         end = max(_x(timeline, event["last_time_s"]), start + 8) + _label_width(event)
+        start = min([start, *(x - _MARK_W for _, _, x in _marks(timeline, event))])
         row = next((i for i, taken in enumerate(ends) if taken <= start), len(ends))
         if row == len(ends):
             if row == 8:
@@ -119,15 +121,39 @@ def _event_bar(timeline: InputTimeline, event: Mapping[str, Any], y: float) -> s
     width = max(_x(timeline, event["last_time_s"]) - left, 6.0)
     text_x, anchor = left + width + 5, "start"
     if text_x + _label_width(event) > _LEFT + WIDTH + 16:
-        text_x, anchor = left - 5, "end"
+        first = min([left, *(x - _MARK_W for _, _, x in _marks(timeline, event))])
+        text_x, anchor = first - 5, "end"
     title = f"event {_label(event)}, {clock(event['first_time_s'])} to "
     title += clock(event["last_time_s"])
     return (
         f'<a href="#event-{event["id"]}"><g class="t-{escape(event["type"])}">'
         f'<rect x="{left:.1f}" y="{y:.1f}" width="{width:.1f}" height="12" rx="3"/>'
         f'<text class="label" x="{text_x:.1f}" y="{y + 10:.1f}" text-anchor="{anchor}">'
-        f"{escape(_label(event))}</text><title>{escape(title)}</title></g></a>"
+        f"{escape(_label(event))}</text><title>{escape(title)}</title></g>"
+        f"{_braking(timeline, event, left, y)}</a>"
     )
+
+
+def _marks(timeline: InputTimeline, event: Mapping[str, Any]) -> list[tuple[str, float, float]]:
+    """The brakes that fell due in the recording: which one, when (s), and where in the drawing."""
+    due = [(brake, event.get(f"{brake}_by_time_s")) for brake in ("service", "emergency")]
+    return [(brake, time_s, _x(timeline, time_s)) for brake, time_s in due if time_s is not None]
+
+
+def _braking(timeline: InputTimeline, event: Mapping[str, Any], left: float, y: float) -> str:
+    """A flag where each brake had to be applied, joined to the event's bar if it lies before it."""
+    parts = []
+    for brake, time_s, x in _marks(timeline, event):
+        words = f"{brake} braking for event {_label(event)} had to start at {clock(time_s)}"
+        parts.append(
+            f'<g class="m-{brake}"><title>{escape(words)}</title>'
+            f'<line class="lead" x1="{x:.1f}" x2="{max(left, x):.1f}" y1="{y + 6:.1f}" '
+            f'y2="{y + 6:.1f}"/>'
+            f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y - 3:.1f}" y2="{y + 14:.1f}"/>'
+            f'<polygon points="{x:.1f},{y + 3:.1f} {x - _MARK_W:.1f},{y - 4:.1f} '
+            f'{x + _MARK_W:.1f},{y - 4:.1f}"/></g>'
+        )
+    return "".join(parts)
 
 
 def _range_chart(timeline: InputTimeline, types: Mapping[int, str], top: float) -> list[str]:

@@ -11,7 +11,15 @@ import pyarrow.parquet as pq
 
 from railinspect.records import flat_for_parquet
 
-_TEXT: Final = ("input", "type", "advice", "advice_reason", "thumbnail")
+_TEXT: Final = (
+    "input",
+    "type",
+    "advice",
+    "advice_reason",
+    "service_by",
+    "emergency_by",
+    "thumbnail",
+)
 _COUNTS: Final = ("id", "first_frame", "last_frame", "best_frame", "frames_seen")
 _NUMBERS: Final = (
     "confidence",
@@ -25,6 +33,9 @@ _NUMBERS: Final = (
     "closest_range_low_m",
     "closest_range_high_m",
     "closest_time_s",
+    "advice_time_s",
+    "service_by_time_s",
+    "emergency_by_time_s",
     "best_box_left_px",
     "best_box_top_px",
     "best_box_right_px",

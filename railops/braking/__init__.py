@@ -3,6 +3,7 @@
 from railops.braking.bounds import Bound, bound, error_bound, largest_probability, trials_needed
 from railops.braking.channels import joint_exceedance, measurements_needed
 from railops.braking.decision import Action, Advice, Policy, RangeMeasurement, decide
+from railops.braking.moments import BrakeMoment, BrakeMoments, brake_moments
 from railops.braking.montecarlo import Campaign, Disturbances, StopLaw
 from railops.braking.protection import Section, collision_bound, collision_probability
 from railops.braking.stopping import Stop, stopping_distance
@@ -13,6 +14,8 @@ __all__ = [
     "Advice",
     "Bound",
     "Brake",
+    "BrakeMoment",
+    "BrakeMoments",
     "Campaign",
     "Disturbances",
     "Policy",
@@ -22,6 +25,7 @@ __all__ = [
     "StopLaw",
     "Train",
     "bound",
+    "brake_moments",
     "collision_bound",
     "collision_probability",
     "decide",

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railops._compile import compiled
+from railops.braking.stopping import INSTANT_S
 from railops.traction import adhesion_limit, running_resistance
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +26,7 @@ Array = npt.NDArray[np.float64]
 LANES = 16
 LANE_STEP_S = 1.0
 RAMP_STEP_S = 0.5
+_PACED_STEP = 0.2  # a step may be at most this share of the running resistance's time constant
 _HORIZON_S = 1800.0
 # Rows of the workspace. One flat array with constant offsets: the compiler can then prove that
 # rows do not overlap, which it must before it vectorises.
@@ -200,7 +202,7 @@ def run_lanes(
         course: What the lanes share.
         out: Stopping distances, metres, inf where a lane never stands. Shape (LANES,).
     """
-    moving = 0
+    moving, pace = 0, 0.0
     length = np.empty(LANES)
     for i in range(LANES):
         w[_S + i] = 0.0
@@ -209,6 +211,9 @@ def run_lanes(
         w[_W0 + i] = course.line.value[1] + w[_EXTRA + i]
         out[i] = np.inf if w[_V + i] > 0.0 else 0.0
         moving += w[_V + i] > 0.0
+        # d(c1·v + c2·v²)/dv, 1/s: steps of a second are fine for any real train's resistance.
+        pace = max(pace, w[_DAVIS + i] * (course.c1 + 2.0 * course.c2 * w[_V + i]))
+    longest_step = min(LANE_STEP_S, _PACED_STEP / pace) if pace > 0.0 else LANE_STEP_S
     for phase in range(3):
         longest = 0.0
         for i in range(LANES):
@@ -223,12 +228,15 @@ def run_lanes(
             longest = max(longest, length[i])
         if phase == 2:
             longest = _HORIZON_S
-        steps = int(np.ceil(longest / (RAMP_STEP_S if phase == 1 else LANE_STEP_S)))
+        step = min(RAMP_STEP_S, longest_step) if phase == 1 else longest_step
+        steps = int(np.ceil(longest / step))
         for i in range(LANES):
             stands = w[_V + i] <= 0.0
-            w[_H + i] = 0.0 if stands else (length[i] / steps if phase < 2 else LANE_STEP_S)
+            # A rise too short to matter is none: the rate of a denormal one is infinite.
+            rises = phase == 1 and build_up_s[i] > INSTANT_S
+            w[_H + i] = 0.0 if stands else (length[i] / steps if phase < 2 else step)
             w[_SHARE + i] = 1.0 if phase == 2 else 0.0
-            w[_GROWTH + i] = 1.0 / build_up_s[i] if phase == 1 and build_up_s[i] > 0.0 else 0.0
+            w[_GROWTH + i] = 1.0 / build_up_s[i] if rises else 0.0
         for _ in range(steps):
             if moving == 0:
                 return

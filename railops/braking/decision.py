@@ -197,6 +197,7 @@ def decide(
     policy: Policy | None = None,
     perception_unknown: bool = False,
     time_s: float | None = None,
+    speed_unknown: bool = False,
 ) -> Advice:
     """Decide whether the train must brake for the obstacle these ranges measure.
 
@@ -208,6 +209,7 @@ def decide(
         perception_unknown: True if the track could not be inspected; then the advice is at least
             the policy's cautious branch.
         time_s: Now; default: the time of the newest measurement.
+        speed_unknown: True if the train's speed is only supposed; then likewise.
 
     Returns:
         The advice. A nearer obstacle, a higher speed, a worse brake or a wider interval never
@@ -229,7 +231,7 @@ def decide(
     policy = policy if policy is not None else _DEFAULT
     now = _check_times(ranges, perception_unknown, time_s)
     fastest = train.fastest_mps
-    service_m, emergency_m = _limits(train, policy, fastest)
+    service_m, emergency_m = brake_limits(train, policy)
     warn_m = service_m + fastest * policy.warn_s
 
     valid = [m for m in ranges if m.valid]
@@ -243,8 +245,14 @@ def decide(
 
     action, why = _act(available, warn_m, service_m, emergency_m, fastest)
     used = len(fresh)
-    if perception_unknown or used == 0:
-        doubt = "perception is unknown" if perception_unknown else "no measurement is usable"
+    if perception_unknown or speed_unknown or used == 0:
+        doubt = (
+            "perception is unknown"
+            if perception_unknown
+            else "the train's speed is unknown"
+            if speed_unknown
+            else "no measurement is usable"
+        )
         action, why = _at_least(action, why, policy.when_unknown, doubt)
     elif used < policy.measurements:
         doubt = f"only {used} of {policy.measurements} measurements are usable"
@@ -313,13 +321,18 @@ def _check_times(
     return time_s
 
 
-def _limits(train: Train, policy: Policy, fastest_mps: float) -> tuple[float, float]:
-    """Available distances at which service and emergency braking have to start, metres."""
-    if fastest_mps == 0.0:
+def brake_limits(train: Train, policy: Policy) -> tuple[float, float]:
+    """Available distances at which service and emergency braking have to start, metres.
+
+    S_stop + ΔS_max from the highest speed the train may have, the reaction and the stand-off;
+    inf where the brake does not stop the train. The service brake's is never the smaller one.
+    """
+    fastest = train.fastest_mps
+    if fastest == 0.0:
         return 0.0, 0.0
-    run = fastest_mps * policy.reaction_s
-    service, _ = stop(fastest_mps, motion_of(train, train.service), STEP_S)
-    emergency, _ = stop(fastest_mps, motion_of(train, train.emergency), STEP_S)
+    run = fastest * policy.reaction_s
+    service, _ = stop(fastest, motion_of(train, train.service), STEP_S)
+    emergency, _ = stop(fastest, motion_of(train, train.emergency), STEP_S)
     emergency_at = policy.stop_upper_m(emergency) + run
     return max(policy.stop_upper_m(service) + run, emergency_at), emergency_at
 

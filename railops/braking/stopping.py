@@ -32,6 +32,7 @@ from railops.traction import (
 Array = npt.NDArray[np.float64]
 
 STEP_S = 0.5
+INSTANT_S = 1e-9  # a dead time or a rise up to this is none: it moves no train by a micrometre
 _HORIZON_S = 1800.0  # a train still moving half an hour after the command is not stopping
 
 
@@ -124,10 +125,10 @@ def stop(speed_mps: float, motion: Motion, step_s: float) -> tuple[float, float]
                 speed, motion.brake_speed, motion.brake_decel
             )
             share, left = 0.0, motion.build_up_s * (full / asked if full < asked else 1.0)
-            growth = 1.0 / motion.build_up_s if motion.build_up_s > 0.0 else 0.0
+            growth = 1.0 / motion.build_up_s if motion.build_up_s > INSTANT_S else 0.0
         if phase < 2:
             step = left / max(np.ceil(left / step_s), 1.0)
-        while left > 1e-9:
+        while left > INSTANT_S:
             new_speed, new_run = runge_kutta(share, growth, speed, run, step, motion)
             if new_speed <= 0.0:
                 # Within this step the deceleration hardly changes: take it at half the speed.

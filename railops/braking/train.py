@@ -87,6 +87,8 @@ class Train:
         emergency: Emergency brake.
         speed_error_rel: Largest relative error of the measured speed; the decision assumes the
             train is that much faster. Default: a tenth, the paper's eq. 9.
+        speed_error_mps: Largest absolute error on top of that, m/s: of a log read between its
+            entries, of a speed derived from positions.
         brake_units: Number of independent brake units.
     """
 
@@ -101,6 +103,7 @@ class Train:
     service: Brake = field(default_factory=lambda: Brake(0.7, 0.6, 1.5))
     emergency: Brake = field(default_factory=lambda: Brake(1.0, 0.4, 1.2))
     speed_error_rel: float = 0.1
+    speed_error_mps: float = 0.0
     brake_units: int = 20
 
     def __post_init__(self) -> None:
@@ -111,12 +114,13 @@ class Train:
         check_range("mass_kg", self.mass_kg, 0.0, 1e9, "kg", above=True)
         check_range("rotating", self.rotating, 0.0, 0.5)
         check_range("speed_error_rel", self.speed_error_rel, 0.0, 1.0)
+        check_range("speed_error_mps", self.speed_error_mps, 0.0, MAX_SPEED_MPS, "m/s")
         check_range("brake_units", self.brake_units, 1, 1000)
 
     @property
     def fastest_mps(self) -> float:
-        """The speed the train may really have, measured speed plus its largest error, m/s."""
-        return self.speed_mps * (1.0 + self.speed_error_rel)
+        """The speed the train may really have, measured speed plus its largest errors, m/s."""
+        return self.speed_mps * (1.0 + self.speed_error_rel) + self.speed_error_mps
 
     @staticmethod
     def load(path: str | Path, speed_mps: float | None = None) -> Train:
@@ -127,8 +131,8 @@ class Train:
             speed_mps: Replaces the file's speed, m/s; needed where the file has none.
 
         Raises:
-            FileError: if the file cannot be read, or has unknown keys or mistyped values.
-            DomainError: if a value lies outside its range.
+            FileError: if the file cannot be read, has unknown keys, or a value is mistyped or
+                outside its range; names the file, the key, the value and the range.
         """
         data = read_mapping(path, "train file")
         if speed_mps is not None:

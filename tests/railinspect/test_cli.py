@@ -9,10 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from railinspect import cli
 from railinspect.segmenter import Segmenter
+from railinspect.sinks.json_lines import read_json_lines
 from tests.railinspect.painted_ride import CAMERA, paint, read_paint, ride, write_video
 
 ROOT = Path(__file__).parents[2]
@@ -75,6 +77,65 @@ def test_an_unknown_speed_is_assumed_and_said_to_be(tmp_path, video):
     assert "80 km/h (assumed, as none was given)" in (out / "report.html").read_text()
 
 
+TRAIN = """
+davis: {c0: 0.0, c1: 0.0, c2: 0.0}
+speed_error_rel: 0.0
+service: {decel_mps2: 2.5, delay_s: 0.0, build_up_s: 0.0}
+emergency: {decel_mps2: 3.2, delay_s: 0.0, build_up_s: 0.0}
+adhesion: {factor: 1.5}
+"""
+
+
+def test_a_train_file_and_a_speed_log_give_the_moments_of_braking(tmp_path):
+    video = write_video(tmp_path / "ride.mp4", ride([110.0], 62))
+    (tmp_path / "train.yaml").write_text(TRAIN)
+    rows = "".join(f"{i / 2},20\n" for i in range(8))  # ends at 3.5 s of 4.9 s
+    (tmp_path / "speed.csv").write_text("time_s,speed_mps\n" + rows)
+    out = tmp_path / "run"
+    command = ["inspect", video, "--out", out, "--train", tmp_path / "train.yaml"]
+    command += ["--speed", tmp_path / "speed.csv", "--no-overlay"]
+    CAMERA.save(tmp_path / "camera.yaml")
+    command += ["--camera", tmp_path / "camera.yaml"]
+    assert cli.main([str(part) for part in command]) == 0
+    (event,) = read_json_lines(out / "events.jsonl")
+    # Looking back from 3.5 s, where the speed was last known, with the range's error there and the
+    # log's between its entries: earlier than the 0.4 s that exact numbers give.
+    assert event["service_by"] == "due"
+    assert 0.0 < event["service_by_time_s"] < 0.4
+    assert event["emergency_by_time_s"] > event["service_by_time_s"]
+    table = pq.read_table(out / "events.parquet")
+    assert table["service_by_time_s"].to_pylist() == [event["service_by_time_s"]]
+    assert table["emergency_by"].to_pylist() == ["due"]
+    frames = list(read_json_lines(out / "frames.jsonl"))
+    assert {f["speed_mps"] for f in frames} == {20.0, None}
+    run = json.loads((out / "run.json").read_text())
+    assert run["counts"]["speed_unknown_frames"] == sum(f["speed_mps"] is None for f in frames)
+    assert run["settings"]["speed_log"]["source"] == "speed.csv"
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert 'class="m-service"' in page
+    assert "service braking had to start" in page
+    assert "The speed log says nothing about" in page
+
+
+@pytest.mark.parametrize(
+    ("train", "option", "kmh", "known"),
+    [
+        (None, ("--speed", "15"), 54.0, True),
+        (None, ("--speed", "90km/h"), 90.0, True),
+        ("speed_mps: 12.0", (), 43.2, True),
+        ("length_m: 90", (), 80.0, False),
+        ("speed_mps: 12.0", ("--speed-kmh", "72"), 72.0, True),
+    ],
+)
+def test_where_the_speed_comes_from(tmp_path, train, option, kmh, known):
+    arguments = ["inspect", "a.mp4", "--out", "b", *option]
+    if train is not None:
+        (tmp_path / "train.yaml").write_text(train)
+        arguments += ["--train", str(tmp_path / "train.yaml")]
+    found, log, is_known = cli._train(cli.build_parser().parse_args(arguments))
+    assert (found.speed_mps * 3.6, is_known, log) == (pytest.approx(kmh), known, None)
+
+
 def bad_files(base: Path) -> dict[str, tuple[Path, str]]:
     def file(name: str, data: bytes) -> Path:
         (base / name).write_bytes(data)
@@ -131,9 +192,18 @@ def test_a_used_or_unwritable_folder_is_refused(capsys, tmp_path, video):
 
 def test_bad_settings_are_refused(capsys, tmp_path, video):
     out = tmp_path / "run"
+    (tmp_path / "late.csv").write_text("time_s,speed_mps\n100,20\n101,20\n")
+    (tmp_path / "weak.yaml").write_text("service: {decel_mps2: 0, delay_s: 1, build_up_s: 1}\n")
     for option, value, expected in (
         ("--speed-kmh", "-3", "give 0 to 500 km/h"),
         ("--speed-kmh", "nan", "give 0 to 500 km/h"),
+        ("--speed", "160", "give 0 to 150 m/s"),
+        ("--speed", "fast", "is neither a speed (20, 20m/s, 72km/h) nor a .csv or .gpx file"),
+        ("--speed", "ride.mcap", "is an MCAP log, which is not read yet"),
+        ("--speed", tmp_path / "late.csv", "runs from 100.0 s to 101.0 s of media time, the rec"),
+        ("--started", "noon", "is no clock time with a zone"),
+        ("--started", "2026-05-01T12:00:00Z", "give one with --speed"),
+        ("--train", tmp_path / "weak.yaml", "weak.yaml: service: decel_mps2 is 0.0 m/s²"),
         ("--rate", "0", "give a positive number"),
         ("--threads", "0", "give at least 1"),
         ("--camera", tmp_path / "none.yaml", "cannot read camera file"),

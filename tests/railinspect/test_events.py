@@ -229,8 +229,8 @@ def test_the_most_severe_advice_and_the_best_picture_are_kept():
         if ride.tracker.wants_thumbnail(1, index):
             ride.tracker.set_thumbnail(1, b"%d" % index)
         action, rank = ("warn", 1) if index < 10 else ("service", 2)
-        ride.tracker.note_advice(1, action, rank, "x")
-        ride.tracker.note_advice(1, "none", 0, "y")
+        ride.tracker.note_advice(1, action, rank, "x", 2.0)
+        ride.tracker.note_advice(1, "none", 0, "y", 3.0)
     (event,) = ride.events()
     assert (event.advice, event.advice_reason) == ("service", "x")
     assert event.thumbnail_jpeg is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from railinspect.errors import BadInputError
 from railinspect.findings import Finding
 from railinspect.pipeline import Inspector, Steps, cut_out, inspect_video
 from railinspect.ranging import Range
+from railinspect.speed_log import SpeedLog
 from railinspect.video import Frame
-from railops.braking import Train
+from railops.braking import Brake, Train
+from railops.traction import Adhesion, Davis, Line
 from tests.railinspect.painted_ride import CAMERA, SPEED_MPS, paint, read_paint, ride, write_video
 
 
@@ -91,8 +94,6 @@ def test_a_finding_beyond_the_reliable_range_has_no_number_and_is_doubt():
 
 
 def test_a_train_that_cannot_stop_gets_the_emergency_advice_not_an_exception():
-    from railops.traction import Line
-
     downhill = Train(speed_mps=20.0, line=Line(gradients=((0.0, -0.2),)))
     inspector = Inspector(read_paint, CAMERA, downhill)
     record = [inspector.feed(f) for f in frames(ride([60.0], 12))][-1]
@@ -128,6 +129,89 @@ def test_the_speed_can_change_on_the_way():
 def test_an_assumed_speed_sizes_the_advice_but_does_not_drive_the_tracking():
     inspector = Inspector(read_paint, CAMERA, Train(speed_mps=22.0), speed_is_known=False)
     assert inspector.speed_mps is None
+
+
+def person_ahead(at_m=110.0, count=62):
+    return frames(ride([at_m], count))
+
+
+def test_the_event_says_when_braking_had_to_start():
+    # From 20 m/s at 2.5 m/s² a stop needs 1.05·80 + 8 + 0.5·20 = 102 m, at 3.2 m/s² 83.6 m.
+    train = Train(
+        SPEED_MPS,
+        davis=Davis(0.0, 0.0, 0.0),
+        speed_error_rel=0.0,
+        service=Brake(2.5, 0.0, 0.0),
+        emergency=Brake(3.2, 0.0, 0.0),
+        adhesion=Adhesion(1.5),
+    )
+    inspector = Inspector(read_paint, CAMERA, train)
+    for frame in person_ahead():
+        inspector(frame)
+    (event,) = inspector.finish()
+    assert event.brake.service.state == event.brake.emergency.state == "due"
+    assert event.brake.service.time_s == pytest.approx((110.0 - 102.0) / 20.0, abs=0.1)
+    assert event.brake.emergency.time_s == pytest.approx((110.0 - 83.6) / 20.0, abs=0.1)
+    assert event.advice_time_s is not None
+    assert event.confirmed_time_s <= event.advice_time_s <= event.last_time_s
+
+
+def test_a_brake_too_weak_from_the_start_was_due_before_the_recording():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
+    for frame in person_ahead(60.0, 30):
+        inspector(frame)
+    (event,) = inspector.finish()
+    assert event.brake.service.state == event.brake.emergency.state == "before"
+
+
+def test_the_speed_of_each_frame_is_read_from_the_log_at_its_time():
+    log = SpeedLog("log", [0.0, 1.0, 2.0], [20.0, 21.0, 19.0], 0.1)
+    train = Train(0.0, speed_error_rel=0.02, speed_error_mps=0.2)
+    inspector = Inspector(read_paint, CAMERA, train, speed_log=log)
+    records = [inspector(frame) for frame in frames([paint()] * 30)]
+    for record in records:
+        read = log.at(record.time_s)
+        if read is None:
+            assert record.speed_mps is None
+            assert record.speed_error_mps is None
+        else:
+            assert record.speed_mps == read.speed_mps
+            error = 0.02 * read.speed_mps + 0.2 + read.error_mps
+            assert record.speed_error_mps == pytest.approx(error)
+    assert sum(record.speed_mps is None for record in records) == 4
+    assert all(record.advice is None for record in records)  # nothing to decide about
+
+
+def test_where_the_log_says_nothing_the_advice_is_the_cautious_branch():
+    log = SpeedLog("log", [0.0, 1.0], [2.0, 2.0])
+    inspector = Inspector(read_paint, CAMERA, Train(0.0), speed_log=log)
+    pictures = [paint([60.0])] * 25  # a train at walking pace, a person far ahead
+    records = [inspector(frame) for frame in frames(pictures)]
+    known = [r.advice.action for r in records if r.advice and r.speed_mps is not None]
+    unknown = [r.advice for r in records if r.advice and r.speed_mps is None]
+    assert set(known) <= {"none", "warn"}
+    assert known
+    assert {advice.action for advice in unknown} == {"service"}
+    assert "the train's speed is unknown" in unknown[0].reason
+    (event,) = inspector.finish()
+    assert event.advice == "service"
+    assert event.advice_time_s == pytest.approx(1.04)
+
+
+def test_the_train_moves_along_its_line():
+    # Level for 20 m, then a slope no brake holds: unless the train moves, nothing is wrong.
+    line = Line(gradients=((0.0, 0.0), (20.0, -0.2)))
+    train = Train(10.0, line=line, length_m=1.0)
+    inspector = Inspector(read_paint, CAMERA, train)
+    records = [inspector(frame) for frame in frames([paint([60.0])] * 25)]
+    required = [r.advice.required_m for r in records if r.advice]
+    assert math.isinf(required[-1])
+    still = Inspector(read_paint, CAMERA, replace(train, speed_mps=0.0, position_m=-500.0))
+    assert all(
+        r.advice.action != "emergency"
+        for f in frames([paint([60.0])] * 8)
+        if (r := still(f)).advice
+    )
 
 
 def test_inspect_video_yields_one_record_per_frame(tmp_path):

@@ -39,3 +39,14 @@ def test_types_from_a_file_are_escaped():
     timeline = InputTimeline(0.0, 10.0)
     timeline.finish()
     assert "<b>" not in timeline_svg(timeline, [event(1, 1.0, 2.0, '"><b>')], [])
+
+
+def test_a_flag_stands_where_each_brake_fell_due():
+    timeline = InputTimeline(0.0, 10.0)
+    timeline.finish()
+    due = event(1, 5.0, 8.0) | {"service_by_time_s": 2.0, "emergency_by_time_s": None}
+    svg = timeline_svg(timeline, [due], [])
+    assert svg.count('class="m-service"') == 1
+    assert 'class="m-emergency"' not in svg
+    assert "service braking for event 1 obstruction had to start at 0:02.0" in svg
+    assert '<polygon points="246.0,' in svg  # 46 + 1000 · 2 s / 10 s
