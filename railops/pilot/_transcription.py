@@ -28,7 +28,6 @@ from railops.errors import DomainError, check_range
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.leg import Leg
 from railops.pilot.lobatto import Lobatto, evaluate, lobatto
-from railops.pilot.route import Ramp
 
 Array = npt.NDArray[np.float64]
 
@@ -161,24 +160,29 @@ class Transcription:
             self._require(turn - ca.DM(width * once) @ bend[span], 0.0, 0.0)
 
         rounding = max(_ROUNDING_M, _ROUNDING * leg.room_m / count)
-        accel_ramp = self._ramp(leg.route.mother.accel, rounding)
-        low_speed = float(leg.route.mother.speed_at(leg.reach_m[0]))
-        mother_squared = low_speed**2 + 2.0 * accel_ramp.integral(position)
-        mother_accel = accel_ramp.value(position)
+        low, high = leg.reach_m
+        ahead = high + max(leg.from_gap_m, leg.to_gap_m)
+        accel_ramp = SmoothRamp(leg.route.mother.accel, low, high, rounding)
+        low_speed = float(leg.route.mother.speed_at(low))
+        mother_accel, gained = accel_ramp.value_and_integral(position)
+        mother_squared = low_speed**2 + 2.0 * gained
         mother = ca.sqrt(mother_squared)
-        running = self._running(position + gap, ratio * mother, rounding)
+        # Resistances at the pilot vehicle's place.
+        davis, here, speed = vehicle.davis, position + gap, ratio * mother
+        air = davis.c2 * SmoothRamp(leg.route.tunnel, low, ahead, rounding).value(here)
+        line = SmoothRamp(leg.route.resistance, low, ahead, rounding).value(here)
+        running = davis.c0 + (davis.c1 + air * speed) * speed + line
         accel = bend / distance * mother_squared + ratio * mother_accel
         self._require(vehicle.epsilon * force - accel - running, 0.0, 0.0)
 
         relative = (ratio - 1.0) * mother / _SPEED
         self._require(relative, -np.inf, leg.relative_speed_mps / _SPEED)
-        self._require(ratio * mother / _SPEED, _SLOWEST_MPS / _SPEED, leg.speed_limit_mps / _SPEED)
+        self._require(speed / _SPEED, _SLOWEST_MPS / _SPEED, leg.speed_limit_mps / _SPEED)
         # Force beyond what would hold the gap right here (eq. 19).
-        davis = vehicle.davis
         faster = (ratio - 1.0) * mother
-        drag = davis.c2 * self._tunnel.value(position + gap) * (ratio + 1.0) * mother
+        drag = faster * (davis.c1 + air * (speed + mother))
         extra_force = bend / distance * mother_squared + (ratio - 1.0) * mother_accel
-        self._ends(gap, ratio, bend, (extra_force + faster * (davis.c1 + drag)) / vehicle.epsilon)
+        self._ends(gap, ratio, bend, (extra_force + drag) / vehicle.epsilon)
 
         energy = self._energy(force * vehicle.mass_kg * ratio, distance)
         jerk = self._jerk(force, mother, distance)
@@ -205,6 +209,9 @@ class Transcription:
         }
         cold = {
             "print_time": False,
+            # Sensitivities to the weights: never asked for, and a second set of derivatives.
+            "calc_lam_p": False,
+            "no_nlp_grad": True,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
             "ipopt.tol": 1e-7,
@@ -233,19 +240,6 @@ class Transcription:
         if self.leg.anchored == "start":
             return self.leg.anchor_m + distance * tau
         return self.leg.anchor_m - distance * (1.0 - tau)
-
-    def _ramp(self, ramp: Ramp, rounding_m: float) -> SmoothRamp:
-        """A table's smooth twin over everything the leg can reach."""
-        low, high = self.leg.reach_m
-        return SmoothRamp(ramp, low, high + max(self.leg.from_gap_m, self.leg.to_gap_m), rounding_m)
-
-    def _running(self, here: Any, speed: Any, rounding_m: float) -> Any:
-        """All resistances at the pilot vehicle's place, m/s²."""
-        davis = self.leg.vehicle.davis
-        self._tunnel = self._ramp(self.leg.route.tunnel, rounding_m)
-        drag = davis.c2 * self._tunnel.value(here) * speed
-        line = self._ramp(self.leg.route.resistance, rounding_m).value(here)
-        return davis.c0 + (davis.c1 + drag) * speed + line
 
     def _ends(self, gap: Any, ratio: Any, bend: Any, extra_force: Any) -> None:
         """Boundary conditions 24, 25 (33, 34) and the continuity constraints 27, 28 (36, 37).

@@ -337,7 +337,7 @@ def test_smooth_twin_is_within_its_rounding(values, at):
     symbol = casadi.SX.sym("p")
     rounding = 5.0
     twin = SmoothRamp(ramp, 0.0, 2000.0, rounding)
-    value = casadi.Function("f", [symbol], [twin.value(symbol), twin.integral(symbol)])
+    value = casadi.Function("f", [symbol], [*twin.value_and_integral(symbol)])
     found, area = (float(part) for part in value(at))
     bends = np.abs(np.diff(np.diff(values) / 250.0, prepend=0.0, append=0.0)).sum()
     assert abs(found - float(ramp.at(at))) <= 0.5 * rounding * bends + 1e-9
