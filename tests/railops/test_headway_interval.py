@@ -99,7 +99,7 @@ def test_the_closed_form_is_what_a_search_finds(seed):
         return simulate(pair, second, first, interval, dwell).restricted
 
     found = bracketed_interval(meets, 0.0, 900.0, 1e-6)
-    assert found == pytest.approx(pair.interval(second, first).at(dwell), abs=3e-6)
+    assert found == pytest.approx(pair.interval(second, first).at(dwell), abs=2e-5)
 
 
 @settings(max_examples=20, deadline=None)
@@ -113,9 +113,10 @@ def test_linear_in_the_dwell(seed, more):
     one = searched(pair, second, first, dwell, near - 1.0, near + 1e-3)
     two = searched(pair, second, first, dwell + more, near + more - 1.0, near + more + 1e-3)
     assert two - one == pytest.approx(more, abs=1e-9)
-    # And what is computed is what is found, but for the tie that lets a code come in time.
+    # And what is computed is what is found, but for the micrometre per second that still counts as
+    # running under a code: coasting towards it that is some microseconds.
     again = minimum_interval(pair.section, second, first, dwell + more)
-    assert again == pytest.approx(two, abs=2e-6)
+    assert again == pytest.approx(two, abs=2e-5)
     assert again - found.at(dwell) == pytest.approx(more, abs=1e-9)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,6 +25,7 @@ from railops.pilot import (
 )
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.lobatto import evaluate, lobatto
+from railops.pilot.plots import plot_legs
 from railops.pilot.profiles import random_route
 from railops.pilot.route import BETA_AS_PRINTED_PER_M, Ramp
 from railops.traction import GRAVITY_MPS2, Davis, Line
@@ -109,6 +111,24 @@ def test_without_continuity_the_force_jumps_and_with_it_does_not(opening):
     for index in (0, -1):
         assert abs(loose.force_mps2[index] - hold) > 0.1
         assert opening.force_mps2[index] == pytest.approx(hold, abs=1e-4)
+
+
+def test_the_legs_are_drawn_beside_each_other(opening, closing, tmp_path):
+    target = plot_legs({"opening": opening, "closing": closing}, tmp_path / "legs" / "both.png")
+    picture = cv2.imread(str(target))[:, :, ::-1].astype(int)
+    blue = np.abs(picture - (31, 78, 156)).max(axis=2) < 40
+    height, width = blue.shape
+    for rows in (slice(0, height // 2), slice(height // 2, height)):
+        for columns in (slice(0, width // 2), slice(width // 2, width)):
+            assert blue[rows, columns].sum() > 200
+
+
+def test_a_worst_case_jerk_does_not_let_the_force_jitter_below_it():
+    """Between its two pulses the leg holds a speed: one force, though others cost as much."""
+    plan = plan_leg(replace(OPENING, objective=Objective(jerk="worst")))
+    path = plan.trajectory
+    held = path.force_mps2[(path.position_m > 16.2e3) & (path.position_m < 19.2e3)]
+    assert np.ptp(held) < 0.015
 
 
 def test_small_jerk_weight_gives_sharper_forces(opening):
