@@ -83,5 +83,4 @@ def evaluate(rule: Lobatto, at: Array, integrals: int = 0) -> Array:
     """
     t = 2.0 * at - 1.0
     series = legendre.legint(rule.basis, m=integrals, lbnd=-1) if integrals else rule.basis
-    values: Array = legendre.legval(t, series).T * 0.5**integrals
-    return values
+    return np.asarray(legendre.legval(t, series).T * 0.5**integrals, float)

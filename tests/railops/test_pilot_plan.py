@@ -192,6 +192,15 @@ def test_random_profiles_are_driven_as_planned_or_refused(seed):
     assert path.gap_m.min() > min(leg.from_gap_m, leg.to_gap_m) - 0.2
 
 
+def test_the_solver_knows_the_mother_trains_speed():
+    """The force found at the nodes is the exact profile's, where the train gains speed."""
+    mother = SpeedProfile.through([0.0, 12e3, 24e3, 40e3], [20.0, 20.0, 30.0, 30.0])
+    plan = plan_leg(replace(OPENING, route=Route(mother), anchor_m=13e3, longest_m=9e3))
+    path = plan.trajectory
+    exact = np.interp(plan.position_m, path.position_m, path.force_mps2)
+    assert plan.force_mps2[::3] == pytest.approx(exact[::3], abs=0.01)
+
+
 def test_a_warm_start_takes_fewer_iterations(opening):
     again = plan_leg(OPENING, start=opening)
     assert again.cost == pytest.approx(opening.cost, rel=1e-5)
