@@ -100,7 +100,7 @@ def check_range(
     """
     try:
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     inside = low < number <= high if above else low <= number <= high
     if not (inside and math.isfinite(number)):

@@ -23,7 +23,7 @@ def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
     try:
         data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise FileError(f"cannot read {what} {path}: {error}") from error
+        raise FileError(f"cannot read {what} {path}: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):
         raise FileError(f"{what} {path} must hold a mapping")
     return data

@@ -186,7 +186,7 @@ def _pieces(name: str, pieces: Pieces) -> tuple[tuple[float, float], ...]:
     """Check a profile: at least one pair, positions finite and increasing."""
     try:
         pairs = tuple((float(start), float(value)) for start, value in pieces)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DomainError(name, pieces, "a list of [position_m, value] pairs") from None
     starts = [start for start, _ in pairs]
     in_order = all(a < b for a, b in pairwise(starts))

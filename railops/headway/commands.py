@@ -1,4 +1,4 @@
-"""``railops headway …``: characteristics, the upper-loop step, lines, calibration, animation."""
+"""``railops headway …``: characteristics, the upper loop, calibration, conversion, animation."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from railops.headway.calibrate import BOUNDS, METRO_CODES_KMH, Unknowns, calibra
 from railops.headway.characteristic import Characteristic, characteristic
 from railops.headway.control import Order, choose_run_time
 from railops.headway.files import content_hash, find_section, save_section
+from railops.headway.interchange import osrd_section, railtoolkit_path, railtoolkit_train
 from railops.headway.interval import Succession
 from railops.headway.lines import load_line, regulate
 from railops.headway.published import PUBLISHED
@@ -68,8 +69,21 @@ def add_commands(commands: Commands) -> None:
         metavar="NAME=VALUE",
         help=f"a known quantity, repeatable; of {', '.join(BOUNDS)}",
     )
+    add("--codes", type=_times, metavar="KM/H,…", help="speed codes; default: 0,40,60,70,80")
     add("--generations", type=int, default=120, help="of the search")
     add("--seed", type=int, default=0, help="of the search")
+
+    add = commands.add("convert", "a section file from another format", _convert).add_argument
+    add("source", type=Path, help="railtoolkit running path (YAML), or OSRD RailJSON with --tracks")
+    add("--path", metavar="ID", help="which path of the file; default: the first")
+    add("--train", type=Path, metavar="FILE", help="railtoolkit train; default: a metro train")
+    add("--train-id", metavar="ID", help="which train of that file; default: the first")
+    add("--tracks", type=lambda words: words.split(","), metavar="ID,…", help="RailJSON: tracks in "
+        "running order; --tracks=-ID runs one backwards")  # fmt: skip
+    add("--from-m", type=float, default=0.0, help="RailJSON: first stop along the tracks, m")
+    add("--to-m", type=float, help="RailJSON: next stop along the tracks, m")
+    add("--codes", type=_times, metavar="KM/H,…", help="RailJSON: codes; default: fixed blocks")
+    add("--out", type=Path, required=True, metavar="FILE", help="section file to write")
 
     add = commands.add("animate", "both trains with their codes, as HTML", _animate).add_argument
     add("section", help=_SECTION)
@@ -251,7 +265,7 @@ def _calibrate(arguments: argparse.Namespace) -> Result:
         table,
         bounds,
         Unknowns(**fixed),
-        METRO_CODES_KMH,
+        tuple(arguments.codes or METRO_CODES_KMH),
         seed=arguments.seed,
         generations=arguments.generations,
         name=arguments.out.stem if arguments.out else "calibrated",
@@ -287,6 +301,30 @@ def _calibrate(arguments: argparse.Namespace) -> Result:
         "file": str(arguments.out) if arguments.out else None,
     }
     return Result(document, "\n".join(lines))
+
+
+def _convert(arguments: argparse.Namespace) -> Result:
+    stock = None
+    if arguments.train is not None:
+        stock = railtoolkit_train(arguments.train, arguments.train_id)
+    if arguments.tracks is None:
+        section = railtoolkit_path(arguments.source, arguments.path, stock)
+    elif arguments.to_m is None:
+        raise DomainError("--to-m", "missing", "the next stop along the tracks, m")
+    else:
+        ends = arguments.from_m, arguments.to_m
+        codes = tuple(arguments.codes or ())
+        section = osrd_section(arguments.source, arguments.tracks, *ends, stock, steps_kmh=codes)
+    save_section(section, arguments.out, f"Converted from {arguments.source.name}")
+    shortest = Succession(section).regulator.shortest_s
+    document = {
+        "file": str(arguments.out),
+        "section": section.name,
+        "length_m": section.length_m,
+        "shortest_run_s": shortest,
+    }
+    words = f"{section.length_m:.0f} m, shortest run time {shortest:.1f} s"
+    return Result(document, f"wrote {arguments.out}: {section.name}, {words}")
 
 
 def _animate(arguments: argparse.Namespace) -> Result:

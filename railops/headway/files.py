@@ -107,8 +107,8 @@ class Reader:
             whole = f"{place}.{inside}" if place else inside
             prefix = f"{place}." if place and not str(error).startswith(place) else ""
             raise self.error(whole, f"{prefix}{error}") from error
-        except (TypeError, ValueError) as error:
-            raise self.error(place, f"{place}: {error}") from error
+        except (TypeError, ValueError, OverflowError) as error:
+            raise self.error(place, f"{place}: {error}" if place else str(error)) from error
 
 
 def _frozen(value: Any) -> Any:
@@ -156,11 +156,12 @@ def _run_times(data: dict[str, Any], reader: Reader, place: str) -> list[float]:
     if set(data) != {"from", "to", "step"}:
         raise reader.error(place, f"{place}: expected a list of s, or from, to and step")
     first, last, step = (data[key] for key in ("from", "to", "step"))
-    if not all(isinstance(value, (int, float)) for value in (first, last, step)) or step <= 0:
+    if not all(isinstance(value, (int, float)) for value in (first, last, step)) or not step > 0:
         raise reader.error(place, f"{place}: from, to and step must be numbers, the step positive")
-    count = math.floor((last - first) / step + 1e-9) + 1
-    if not 1 <= count <= 1000:
-        raise reader.error(place, f"{place}: from, to and step give {count} run times")
+    steps = reader.call(place, lambda: (last - first) / step + 1e-9)
+    if not 0.0 <= steps < 1000.0:
+        raise reader.error(place, f"{place}: from, to and step give {steps + 1.0:.0f} run times")
+    count = math.floor(steps) + 1
     return [float(first + step * index) for index in range(count)]
 
 

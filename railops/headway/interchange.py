@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from railops.errors import FileError
+from railops.errors import DomainError, FileError
 from railops.headway.files import load_yaml
 from railops.headway.protection import FixedBlock, TrackCircuits
 from railops.headway.section import Section
@@ -26,10 +26,27 @@ from railops.traction import GRAVITY_MPS2, Davis, Effort, Line
 KMH = 1.0 / 3.6
 
 
+@contextmanager
+def _reading(path: str | Path, what: str) -> Iterator[None]:
+    """Whatever goes wrong inside is said of ``what`` in this file, in one sentence."""
+    try:
+        yield
+    except FileError:
+        raise
+    except KeyError as error:
+        raise FileError(f"{path}: {what} lacks {error}") from error
+    except DomainError as error:
+        raise FileError(f"{path}: {what}: {error}") from error
+    except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
+        raise FileError(f"{path}: {what} is mistyped: {error}") from error
+
+
 def _the_one(items: Any, key: str | None, what: str, path: str | Path) -> dict[str, Any]:
     """The item with an id, or the only one."""
     if not isinstance(items, list) or not items:
         raise FileError(f"{path} holds no {what}")
+    if not all(isinstance(item, dict) for item in items):
+        raise FileError(f"{path}: every {what} must be a mapping")
     if key is None:
         return dict(items[0])
     for item in items:
@@ -60,25 +77,27 @@ def railtoolkit_path(
     chosen = _the_one(data.get("paths"), key, "path", path)
     rows = _characteristic_sections(chosen.get("characteristic_sections"), path)
     start, end = rows[0][0], rows[-1][0]
-    limits = tuple((at - start, speed) for at, speed, _ in rows[:-1] if speed > 0.0)
-    gradients = tuple(
-        (at - start, math.tan(math.asin(1e-3 * permille))) for at, _, permille in rows[:-1]
-    )
-    return Section(
-        end - start,
-        stock=stock or Stock(),
-        line=Line(gradients),
-        limits_kmh=limits,
-        name=str(chosen.get("name") or chosen["id"]),
-    )
+    with _reading(path, f"path {chosen.get('id')}"):
+        gradients = tuple(
+            (at - start, math.tan(math.asin(1e-3 * permille))) for at, _, permille in rows[:-1]
+        )
+        return Section(
+            end - start,
+            stock=stock or Stock(),
+            line=Line(gradients),
+            limits_kmh=tuple((at - start, speed) for at, speed, _ in rows[:-1]),
+            name=str(chosen.get("name") or chosen["id"]),
+        )
 
 
 def _characteristic_sections(value: Any, path: str | Path) -> list[tuple[float, float, float]]:
-    if isinstance(value, dict):
-        value = [{"position": at, **(rest or {})} for at, rest in value.items()]
+    with _reading(path, "characteristic_sections"):
+        if isinstance(value, dict):
+            value = [{"position": at, **(rest or {})} for at, rest in value.items()]
+        items = list(value or [])
     rows: list[tuple[float, float, float]] = []
     speed, resistance = math.nan, 0.0
-    for index, item in enumerate(value or []):
+    for index, item in enumerate(items):
         try:
             if isinstance(item, dict):
                 at = float(item["position"])
@@ -86,7 +105,7 @@ def _characteristic_sections(value: Any, path: str | Path) -> list[tuple[float, 
                 resistance = float(item.get("resistance", resistance))
             else:
                 at, speed, resistance = (float(number) for number in item)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise FileError(
                 f"{path}: characteristic_sections[{index}] is {item!r}; expected position (m), "
                 "speed (km/h) and resistance (‰)"
@@ -109,7 +128,7 @@ def railtoolkit_train(path: str | Path, key: str | None = None) -> Stock:
     """
     data, _ = load_yaml(path)
     train = _the_one(data.get("trains"), key, "train", path)
-    try:
+    with _reading(path, f"train {train.get('id')}"):
         if "simplified_characteristics" in train:
             simple = train["simplified_characteristics"]
             accel = float(simple["acceleration"])
@@ -124,11 +143,6 @@ def railtoolkit_train(path: str | Path, key: str | None = None) -> Stock:
             )
         vehicles = {str(item["id"]): item for item in data["vehicles"]}
         return _formation([vehicles[str(name)] for name in train["formation"]])
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileError(
-            f"{path}: train {train.get('id')} lacks or mistypes {error}; needed are length, mass, "
-            "tractive_effort and the resistances of its vehicles"
-        ) from error
 
 
 def _formation(vehicles: Sequence[dict[str, Any]]) -> Stock:
@@ -146,6 +160,8 @@ def _formation(vehicles: Sequence[dict[str, Any]]) -> Stock:
     efforts = [np.array(v["tractive_effort"], float) for v in vehicles if "tractive_effort" in v]
     speeds = np.unique(np.concatenate([table[:, 0] for table in efforts])) * KMH
     force = sum(np.interp(speeds / KMH, table[:, 0], table[:, 1]) for table in efforts)
+    if not (np.isfinite(speeds).all() and np.isfinite(force).all()):
+        raise ValueError("tractive_effort holds no pairs of speed in km/h and force in N")
     inertia_kg = mass_kg * (1.0 + rotating)
     fast = speeds >= 0.5 * speeds[-1]
     power = float(np.median((speeds * force)[fast]))
@@ -175,8 +191,9 @@ def osrd_section(
     """Read a section from OSRD RailJSON infrastructure.
 
     The tracks are laid one after the other, each run from its begin to its end (a leading ``-``
-    runs one backwards). Slopes (‰), curves (m), speed sections (m/s) and detectors along them are
-    taken; detectors become the boundaries of fixed blocks, or of track circuits with derived codes.
+    runs one backwards). Slopes (‰), curves (m), detectors, and the speed sections (m/s) that apply
+    in the running direction are taken; 80 km/h holds where there is none. Detectors become the
+    boundaries of fixed blocks, or of track circuits with derived codes.
 
     Args:
         path: The infrastructure file.
@@ -194,46 +211,69 @@ def osrd_section(
         by_id = {str(item["id"]): item for item in data["track_sections"]}
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
         raise FileError(f"cannot read {path} as RailJSON infrastructure: {error}") from error
-    offset, slopes, curves, limits, detectors = -start_m, [], [], [], []
-    total = 0.0
+    laid, total = [], 0.0
     for name in tracks:
-        back, key = name.startswith("-"), name.removeprefix("-")
+        key = name.removeprefix("-")
         if key not in by_id:
             raise FileError(f"{path} has no track {key}; it has {sorted(by_id)[:20]}")
-        length = float(by_id[key]["length"])
-
-        def along(begin: float, end: float) -> tuple[float, float]:
-            if back:  # noqa: B023 — called within the same turn of the loop
-                begin, end = length - end, length - begin  # noqa: B023
-            return offset + begin, offset + end  # noqa: B023
-
-        sign = -1.0 if back else 1.0
-        for item in by_id[key].get("slopes", []):
-            slopes.append((*along(item["begin"], item["end"]), sign * 1e-3 * item["gradient"]))
-        for item in by_id[key].get("curves", []):
-            curves.append((*along(item["begin"], item["end"]), abs(item["radius"]) or math.inf))
-        for zone in data.get("speed_sections", []):
-            speed = zone.get("speed_limit")
-            for span in zone.get("track_ranges", []):
-                if span["track"] == key and speed is not None:
-                    limits.append((*along(span["begin"], span["end"]), speed / KMH))
-        for item in data.get("detectors", []):
-            if item["track"] == key:
-                detectors.append(along(item["position"], item["position"])[0])
-        offset += length
+        with _reading(path, f"track {key}"):
+            length = float(by_id[key]["length"])
+            laid.append(_Laid(by_id[key], total - start_m, length, key != name))
         total += length
-    edges = sorted({-start_m, total - start_m, *detectors})
-    cuts = tuple(pairwise(edges))
-    section = Section(
-        end_m - start_m,
-        stock=stock or Stock(),
-        line=Line(_profile(slopes, 0.0), _profile(curves, math.inf)),
-        limits_kmh=_profile(limits, 80.0, least=True),
-        name=Path(path).stem,
-    )
-    if steps_kmh:
-        return replace(section, protection=TrackCircuits(cuts, steps_kmh=steps_kmh))
-    return replace(section, protection=FixedBlock(cuts))
+    slopes, curves, limits, detectors = [], [], [], []
+    for track in laid:
+        with _reading(path, f"track {track.item['id']}"):
+            for item in track.item.get("slopes", ()):
+                slopes.append((*track.span(item), track.sign * 1e-3 * float(item["gradient"])))
+            for item in track.item.get("curves", ()):
+                curves.append((*track.span(item), abs(float(item["radius"])) or math.inf))
+        with _reading(path, "speed_sections"):
+            for zone in data.get("speed_sections", ()):
+                for item in zone.get("track_ranges", ()):
+                    if zone.get("speed_limit") is not None and track.concerned(item):
+                        limits.append((*track.span(item), float(zone["speed_limit"]) / KMH))
+        with _reading(path, "detectors"):
+            for item in data.get("detectors", ()):
+                if item["track"] == track.item["id"]:
+                    detectors.append(track.place(float(item["position"])))
+    with _reading(path, f"the section from {start_m:g} m to {end_m:g} m along {list(tracks)}"):
+        cuts = tuple(pairwise(sorted({-start_m, total - start_m, *detectors})))
+        return Section(
+            end_m - start_m,
+            TrackCircuits(cuts, steps_kmh=steps_kmh) if steps_kmh else FixedBlock(cuts),
+            stock or Stock(),
+            Line(_profile(slopes, 0.0), _profile(curves, math.inf)),
+            _profile(limits, 80.0, least=True),
+            name=Path(path).stem,
+        )
+
+
+class _Laid(NamedTuple):
+    """A track laid into the section: where it begins, and whether it is run backwards."""
+
+    item: dict[str, Any]
+    from_m: float
+    length_m: float
+    backwards: bool
+
+    @property
+    def sign(self) -> float:
+        """Of its gradients."""
+        return -1.0 if self.backwards else 1.0
+
+    def place(self, position_m: float) -> float:
+        """A position on the track as one in the section, m."""
+        return self.from_m + (self.length_m - position_m if self.backwards else position_m)
+
+    def span(self, item: dict[str, Any]) -> tuple[float, float]:
+        """An item's begin and end in the section, in running order, m."""
+        ends = self.place(float(item["begin"])), self.place(float(item["end"]))
+        return min(ends), max(ends)
+
+    def concerned(self, item: dict[str, Any]) -> bool:
+        """Whether a track range is on this track and applies in the running direction."""
+        against = "START_TO_STOP" if self.backwards else "STOP_TO_START"
+        return item["track"] == self.item["id"] and item.get("applicable_directions") != against
 
 
 def _profile(

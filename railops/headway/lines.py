@@ -43,10 +43,11 @@ def load_line(path: str | Path) -> LineFile:
     known = builtin_sections()
     tables = []
     for index, name in enumerate(data["sections"]):
-        place, file = f"sections[{index}]", Path(path).parent / str(name)
+        name, place = str(name), f"sections[{index}]"
+        file = Path(path).parent / name
         if name in PUBLISHED:
             tables.append(PUBLISHED[name])
-        elif name in known or file.exists():
+        elif name in known or file.is_file():
             found = known.get(name, file)
             table = read_csv if found.suffix == ".csv" else _computed
             tables.append(table(found))

@@ -34,9 +34,10 @@ Array = npt.NDArray[np.float64]
 
 _GAP, _SPEED, _LENGTH = 100.0, 10.0, 1000.0
 _SLOWEST_MPS = 0.5  # position is the independent variable: nobody may stand still
-# Profiles are rounded over this, metres, or over this share of the spacing of nodes: what the nodes
-# cannot resolve would only be noise in the length of the leg.
-_ROUNDING_M, _ROUNDING = 4.0, 0.25
+# Profiles are rounded over this share of the spacing of nodes, but at least over so many metres:
+# what the nodes cannot resolve would only be noise in the length of the leg.
+_ROUNDING, _ROUNDING_M = 0.25, 1.0
+_TIE = 1e-3  # share of the total jerk that decides between equals
 
 
 @dataclass(frozen=True)
@@ -124,16 +125,19 @@ class RawSolution:
 class Transcription:
     """The programme of one leg on one mesh; the weights stay parameters."""
 
-    def __init__(self, leg: Leg, mesh: Mesh, *, elastic: bool = False) -> None:
+    def __init__(
+        self, leg: Leg, mesh: Mesh, guess: Guess | None = None, *, elastic: bool = False
+    ) -> None:
         """Build the programme.
 
         Args:
             leg: The leg.
             mesh: Its mesh.
+            guess: Where about the nodes will be; default: evenly over the room for the leg.
             elastic: Instead of keeping the force limits, minimise the factor by which they are
                 exceeded: the answer to "how much too small is U?".
         """
-        self.leg, self.mesh, self._elastic = leg, mesh, elastic
+        self.leg, self.mesh, self._guess, self._elastic = leg, mesh, guess, elastic
         self._casadi = extra("pilot", "casadi", "planning a reference trajectory")
         self._build()
 
@@ -149,7 +153,7 @@ class Transcription:
         self._start: list[Array] = []
         self._rows: list[tuple[Any, Array, Array]] = []
         distance = length * _LENGTH
-        gap, position = share * distance, self._position(distance)
+        gap, position = share * distance, leg.position_m(ca.DM(mesh.points), distance)
 
         nodes = mesh.rule.nodes[1:]
         once, twice = (evaluate(mesh.rule, nodes, times) for times in (1, 2))
@@ -160,28 +164,32 @@ class Transcription:
             turn = ratio[span][1:] - ratio[span][0]
             self._require(turn - ca.DM(width * once) @ bend[span], 0.0, 0.0)
 
-        rounding = max(_ROUNDING_M, _ROUNDING * leg.room_m / count)
-        accel_ramp = self._ramp(leg.route.mother.accel, rounding)
-        low_speed = float(leg.route.mother.speed_at(leg.reach_m[0]))
-        mother_squared = low_speed**2 + 2.0 * accel_ramp.integral(position)
-        mother_accel = accel_ramp.value(position)
+        low, high = leg.reach_m
+        ahead = high + max(leg.from_gap_m, leg.to_gap_m)
+        accel_ramp = self._smooth(leg.route.mother.accel, high, pilot=False)
+        low_speed = float(leg.route.mother.speed_at(low))
+        mother_accel, gained = accel_ramp.value_and_integral(position)
+        mother_squared = low_speed**2 + 2.0 * gained
         mother = ca.sqrt(mother_squared)
-        running = self._running(position + gap, ratio * mother, rounding)
+        # Resistances at the pilot vehicle's place.
+        davis, here, speed = vehicle.davis, position + gap, ratio * mother
+        air = davis.c2 * self._smooth(leg.route.tunnel, ahead, pilot=True).value(here)
+        line = self._smooth(leg.route.resistance, ahead, pilot=True).value(here)
+        running = davis.c0 + (davis.c1 + air * speed) * speed + line
         accel = bend / distance * mother_squared + ratio * mother_accel
         self._require(vehicle.epsilon * force - accel - running, 0.0, 0.0)
 
         relative = (ratio - 1.0) * mother / _SPEED
         self._require(relative, -np.inf, leg.relative_speed_mps / _SPEED)
-        self._require(ratio * mother / _SPEED, _SLOWEST_MPS / _SPEED, leg.speed_limit_mps / _SPEED)
+        self._require(speed / _SPEED, _SLOWEST_MPS / _SPEED, leg.speed_limit_mps / _SPEED)
         # Force beyond what would hold the gap right here (eq. 19).
-        davis = vehicle.davis
         faster = (ratio - 1.0) * mother
-        drag = davis.c2 * self._tunnel.value(position + gap) * (ratio + 1.0) * mother
+        drag = faster * (davis.c1 + air * (speed + mother))
         extra_force = bend / distance * mother_squared + (ratio - 1.0) * mother_accel
-        self._ends(gap, ratio, bend, (extra_force + faster * (davis.c1 + drag)) / vehicle.epsilon)
+        self._ends(gap, ratio, bend, (extra_force + drag) / vehicle.epsilon)
 
         energy = self._energy(force * vehicle.mass_kg * ratio, distance)
-        jerk = self._jerk(force, mother, distance)
+        jerk, tie = self._jerk(force, mother, distance)
         self._bound()
         cost = distance + weights[0] * energy + weights[1] * jerk
         if self._elastic:
@@ -189,9 +197,9 @@ class Transcription:
             self._require(force - (1.0 + excess) * vehicle.traction_mps2, -np.inf, 0.0)
             self._require(force + (1.0 + excess) * vehicle.braking_mps2, 0.0, np.inf)
             cost = leg.longest_m * (1.0 + leg.objective.energy_weight) * 1e4 * excess
-        self._compile(cost, energy, jerk, weights)
+        self._compile(cost, energy, jerk, weights, cost + weights[1] * tie)
 
-    def _compile(self, cost: Any, energy: Any, jerk: Any, weights: Any) -> None:
+    def _compile(self, cost: Any, energy: Any, jerk: Any, weights: Any, aim: Any) -> None:
         """Hand the programme to IPOPT."""
         ca, leg = self._casadi, self.leg
         typical = (0.1 * leg.vehicle.mass_kg) ** (2 if leg.objective.energy == "squared" else 1)
@@ -200,11 +208,14 @@ class Transcription:
         programme = {
             "x": unknowns,
             "p": weights,
-            "f": scale * cost,
+            "f": scale * aim,
             "g": ca.vertcat(*[row for row, _, _ in self._rows]),
         }
         cold = {
             "print_time": False,
+            # Sensitivities to the weights: never asked for, and a second set of derivatives.
+            "calc_lam_p": False,
+            "no_nlp_grad": True,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
             "ipopt.tol": 1e-7,
@@ -227,25 +238,14 @@ class Transcription:
         step = self.mesh.nodes - 1
         return range(0, step * len(self.mesh.widths), step)
 
-    def _position(self, distance: Any) -> Any:
-        """Mother-train position at every node, metres."""
-        tau = self._casadi.DM(self.mesh.points)
-        if self.leg.anchored == "start":
-            return self.leg.anchor_m + distance * tau
-        return self.leg.anchor_m - distance * (1.0 - tau)
-
-    def _ramp(self, ramp: Ramp, rounding_m: float) -> SmoothRamp:
-        """A table's smooth twin over everything the leg can reach."""
-        low, high = self.leg.reach_m
-        return SmoothRamp(ramp, low, high + max(self.leg.from_gap_m, self.leg.to_gap_m), rounding_m)
-
-    def _running(self, here: Any, speed: Any, rounding_m: float) -> Any:
-        """All resistances at the pilot vehicle's place, m/s²."""
-        davis = self.leg.vehicle.davis
-        self._tunnel = self._ramp(self.leg.route.tunnel, rounding_m)
-        drag = davis.c2 * self._tunnel.value(here) * speed
-        line = self._ramp(self.leg.route.resistance, rounding_m).value(here)
-        return davis.c0 + (davis.c1 + drag) * speed + line
+    def _smooth(self, ramp: Ramp, high_m: float, *, pilot: bool) -> SmoothRamp:
+        """A table's smooth twin, as sharp at each knot as the nodes are close there."""
+        leg, guess = self.leg, self._guess
+        rounding: Array | float = _ROUNDING * leg.room_m / self.mesh.points.size
+        if guess is not None:
+            at = leg.position_m(self.mesh.points, guess.length_m) + guess.gap_m * pilot
+            rounding = _ROUNDING * np.interp(ramp.position_m, at, np.gradient(at))
+        return SmoothRamp(ramp, leg.reach_m[0], high_m, np.maximum(rounding, _ROUNDING_M))
 
     def _ends(self, gap: Any, ratio: Any, bend: Any, extra_force: Any) -> None:
         """Boundary conditions 24, 25 (33, 34) and the continuity constraints 27, 28 (36, 37).
@@ -292,8 +292,12 @@ class Transcription:
             self._require(above + power / mass, 0.0, np.inf)
         return self._quadrature(mass * above, distance)
 
-    def _jerk(self, force: Any, mother: Any, distance: Any) -> Any:
-        """The jerk term, from d(u/m)/dp_m at the nodes of every element, 1/s²."""
+    def _jerk(self, force: Any, mother: Any, distance: Any) -> tuple[Any, Any]:
+        """The jerk term, from d(u/m)/dp_m at the nodes of every element, 1/s²; and a tie-breaker.
+
+        The largest jerk, or a bound on it, says nothing about forces that jitter below it: of such
+        equals the tie-breaker, a grain of the total, takes the smoothest.
+        """
         ca, aim, mass = self._casadi, self.leg.objective, self.leg.vehicle.mass_kg
         slopes = []
         for first, width in zip(self._firsts(), self.mesh.widths, strict=True):
@@ -302,24 +306,25 @@ class Transcription:
             change = ca.DM(self.mesh.rule.derivative / width)
             self._require(lifted - change @ force[first : first + self.mesh.nodes], 0.0, 0.0)
             slopes.append(lifted / distance)
+        weights = ca.DM(self.mesh.rule.weights)
+        parts = [
+            width * ca.dot(weights, slope**2)
+            for width, slope in zip(self.mesh.widths, slopes, strict=True)
+        ]
+        total = mass * distance * sum(parts)
         if aim.jerk == "total":
-            weights = ca.DM(self.mesh.rule.weights)
-            parts = [
-                width * ca.dot(weights, slope**2)
-                for width, slope in zip(self.mesh.widths, slopes, strict=True)
-            ]
-            return mass * distance * sum(parts)
+            return total, 0.0
         if aim.jerk == "worst":
             # γ in (1/m)·(du/dp)² <= γ, as its root: linear constraints instead of squares.
             root = self._unknown("root", 1, 5e-3 * 1e3, 0.0)
             for slope in slopes:
                 self._require(1e3 * slope - root, -np.inf, 0.0)
                 self._require(1e3 * slope + root, 0.0, np.inf)
-            return mass * (1e-3 * root) ** 2
+            return mass * (1e-3 * root) ** 2, _TIE * total
         for first, slope in zip(self._firsts(), slopes, strict=True):
             per_second = slope * mother[first : first + self.mesh.nodes]
             self._require(per_second, -aim.jerk_limit_mps3, aim.jerk_limit_mps3)
-        return ca.SX(0)
+        return ca.SX(0), _TIE * total
 
     def _unknown(self, name: str, count: int, start: float, low: float) -> Any:
         """A further unknown with its starting value and lower bound."""

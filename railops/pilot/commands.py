@@ -12,7 +12,7 @@ import numpy as np
 
 from railops.braking.train import Brake, Train
 from railops.cli import Commands, Result
-from railops.errors import FileError
+from railops.errors import DomainError, FileError
 from railops.files import read_mapping
 from railops.pilot.controllers import Mpc, Pid
 from railops.pilot.leg import Objective
@@ -85,8 +85,8 @@ def read_route(path: Path) -> Route:
     """Read a route file: ``speed`` as [position_m, speed_mps] pairs; ``gradients``, ``curves``.
 
     Raises:
-        FileError: if it cannot be read, has unknown keys, or lacks the speed.
-        DomainError: if a value lies outside its range.
+        FileError: if it cannot be read, has unknown keys, lacks the speed, or a value lies outside
+            its range.
     """
     data = read_mapping(path, "route file")
     known = {"speed", "gradients", "curves", "tunnels", "transition_m"}
@@ -96,14 +96,17 @@ def read_route(path: Path) -> Route:
         speed = [(float(at), float(value)) for at, value in data["speed"]]
         tunnels = tuple((float(a), float(b), float(c)) for a, b, c in data.get("tunnels", ()))
         transition = float(data.get("transition_m", 100.0))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileError(
             f"route file {path} needs speed as [position_m, speed_mps] pairs and tunnels as "
             f"[from_m, to_m, factor]: {error}"
         ) from error
-    mother = SpeedProfile.through([at for at, _ in speed], [v for _, v in speed], transition)
-    line = Line(data.get("gradients", ((0.0, 0.0),)), data.get("curves", ((0.0, math.inf),)))
-    return Route(mother, line, tunnels, transition)
+    try:
+        mother = SpeedProfile.through([at for at, _ in speed], [v for _, v in speed], transition)
+        line = Line(data.get("gradients", ((0.0, 0.0),)), data.get("curves", ((0.0, math.inf),)))
+        return Route(mother, line, tunnels, transition)
+    except DomainError as error:
+        raise FileError(f"route file {path}: {error}") from error
 
 
 def _trip(arguments: argparse.Namespace) -> Trip:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from railops.errors import DomainError, check_range
 from railops.pilot.route import Route
@@ -141,3 +141,9 @@ class Leg:
         if self.anchored == "start":
             return self.anchor_m, self.anchor_m + self.room_m
         return self.anchor_m - self.room_m, self.anchor_m
+
+    def position_m(self, share: Any, length_m: Any) -> Any:
+        """Mother-train positions at shares of the leg's length, arrays or CasADi expressions."""
+        if self.anchored == "start":
+            return self.anchor_m + length_m * share
+        return self.anchor_m - length_m * (1.0 - share)

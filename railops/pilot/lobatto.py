@@ -82,8 +82,5 @@ def evaluate(rule: Lobatto, at: Array, integrals: int = 0) -> Array:
         array([0.5])
     """
     t = 2.0 * at - 1.0
-    columns = [
-        legendre.legval(t, legendre.legint(column, m=integrals, lbnd=-1) if integrals else column)
-        for column in rule.basis.T
-    ]
-    return np.stack(columns, axis=1) * 0.5**integrals
+    series = legendre.legint(rule.basis, m=integrals, lbnd=-1) if integrals else rule.basis
+    return np.asarray(legendre.legval(t, series).T * 0.5**integrals, float)

@@ -16,6 +16,11 @@ from railops.pilot.mission import SYSTEMS, Campaign, Mission
 Array = npt.NDArray[np.float64]
 
 _STEP_S = 0.1
+_NAMES = {
+    "pilot": "with a pilot vehicle",
+    "camera": "camera on the train",
+    "driver": "driver alone",
+}
 
 _PAGE = Template("""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Pilot vehicle: a mission</title>
@@ -24,11 +29,13 @@ body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding
 canvas{width:100%;border:1px solid #ccd;background:#f7f8fb}
 table{border-collapse:collapse;margin:1rem 0}td,th{padding:.25rem .8rem;text-align:right}
 th:first-child,td:first-child{text-align:left}tr+tr{border-top:1px solid #dde}
-input{width:70%;vertical-align:middle}
+input{width:70%;vertical-align:middle}i{display:inline-block;width:.8em;height:.8em}
 </style></head><body>
 <h1>A mission of the pilot vehicle</h1>
 <p>$summary</p>
 <canvas id="view" width="1100" height="330"></canvas>
+<p><i style="background:#2e8b57"></i> mother train <i style="background:#d08a00"></i> pilot vehicle
+<i style="background:#c0392b"></i> obstacle; distances to scale, vehicles not</p>
 <p><button id="play">play</button> <input id="at" type="range" min="0" max="$last" value="0">
 <span id="clock"></span></p>
 $table
@@ -36,8 +43,7 @@ $table
 const runs = $runs, obstacle = $obstacle, step = $step;
 const canvas = document.getElementById("view"), pen = canvas.getContext("2d");
 const slider = document.getElementById("at"), clock = document.getElementById("clock");
-const names = {
-  pilot: "with a pilot vehicle", camera: "camera on the train", driver: "driver alone"};
+const names = $names;
 function draw() {
   const i = +slider.value, scale = 1020 / (obstacle * 1.05);
   pen.clearRect(0, 0, canvas.width, canvas.height); pen.font = "15px system-ui";
@@ -51,9 +57,11 @@ function draw() {
     if (run.pilot) { pen.fillStyle = "#d08a00"; pen.fillRect(x(run.pilot[k]) - 8, y - 4, 8, 10); }
     pen.fillStyle = "#223";
     const v = k ? (run.train[k] - run.train[k - 1]) / step * 3.6 : run.speed * 3.6;
-    const left = obstacle - train;
-    pen.fillText(names[name] + ": " + (hit ? "hits the obstacle" :
-      v.toFixed(0) + " km/h, " + left.toFixed(0) + " m left"), 40, y - 24);
+    const left = (obstacle - train).toFixed(0), still = k && run.train[k] === run.train[k - 1];
+    let words = hit ? "hits the obstacle" : still ? "stands " + left + " m before it" :
+      v.toFixed(0) + " km/h, " + left + " m left";
+    if (run.pilot && run.pilot[k] >= obstacle) words += "; the pilot vehicle has hit the obstacle";
+    pen.fillText(names[name] + ": " + words, 40, y - 24);
   });
   clock.textContent = (i * step).toFixed(1) + " s";
 }
@@ -64,6 +72,8 @@ document.getElementById("play").onclick = () => {
   timer = setInterval(() => { slider.value = +slider.value + 2; draw();
     if (+slider.value >= +slider.max) { clearInterval(timer); timer = null; } }, 50);
 };
+// The address may end in a time: mission.html#20 opens at 20 s.
+slider.value = (+location.hash.slice(1) || 0) / step;
 slider.oninput = draw; draw();
 </script></body></html>
 """)
@@ -82,6 +92,7 @@ def write_page(campaign: Campaign, path: str | Path) -> Path:
             f"{campaign.missions} simulated missions."
         ),
         table=_table(campaign),
+        names=json.dumps(_NAMES),
         runs=json.dumps(runs),
         obstacle=json.dumps(obstacle),
         step=_STEP_S,
@@ -102,7 +113,7 @@ def _table(campaign: Campaign) -> str:
     for system in SYSTEMS:
         share, (worst, median) = campaign.stops(system), campaign.quantiles(system, (0.01, 0.5))
         rows.append(
-            f"<tr><td>{system}</td><td>{100 * share.value:.2f} %</td>"
+            f"<tr><td>{_NAMES[system]}</td><td>{100 * share.value:.2f} %</td>"
             f"<td>{100 * share.low:.2f} … {100 * share.high:.2f} %</td>"
             f"<td>{median:.0f} m</td><td>{worst:.0f} m</td></tr>"
         )

@@ -77,12 +77,20 @@ class Check:
 
     def within(self, tolerance: Tolerance) -> bool:
         """Whether everything is within tolerance."""
+        return all(found <= most for _, found, most, _ in self._against(tolerance))
+
+    def worst(self, tolerance: Tolerance) -> tuple[str, float, str]:
+        """What misses its tolerance by the largest factor: in words, by how much, its unit."""
+        what, found, _, unit = max(self._against(tolerance), key=lambda row: row[1] / row[2])
+        return what, found, unit
+
+    def _against(self, tolerance: Tolerance) -> tuple[tuple[str, float, float, str], ...]:
         return (
-            self.gap_m <= tolerance.gap_m
-            and self.speed_mps <= tolerance.speed_mps
-            and self.force_excess_mps2 <= tolerance.force_mps2
-            and self.speed_excess_mps <= tolerance.excess_mps
-            and self.gap_excess_m <= max(tolerance.gap_m, 0.1)
+            ("the gap is off", self.gap_m, tolerance.gap_m, "m"),
+            ("the speed is off", self.speed_mps, tolerance.speed_mps, "m/s"),
+            ("the force passes its limit", self.force_excess_mps2, tolerance.force_mps2, "m/s²"),
+            ("the speed passes its limit", self.speed_excess_mps, tolerance.excess_mps, "m/s"),
+            ("the gap leaves its range", self.gap_excess_m, max(tolerance.gap_m, 0.1), "m"),
         )
 
 
@@ -186,19 +194,21 @@ def plan_leg(
         if done or finer.points.size > tolerance.nodes:
             break
         begin = time.perf_counter()
-        better = Transcription(leg, finer).solve(_move(raw.guess, mesh.points, finer.points))
+        moved = _move(raw.guess, mesh.points, finer.points)
+        better = Transcription(leg, finer, moved).solve(moved)
         solve_s += time.perf_counter() - begin
         if not better.solved:
             break
         raw, mesh, iterations = better, finer, iterations + better.iterations
     if refine and not check.within(tolerance):
+        what, by, unit = check.worst(tolerance)
         raise UnreachableError(
-            f"no plan of the leg at {leg.anchor_m:.0f} m survives its re-integration: it ends "
-            f"{check.end_gap_m:.2g} m and {check.end_speed_mps:.2g} m/s off after {round_} mesh "
-            f"refinements; allow more refinements or a smoother objective (a larger λ₂)",
+            f"no plan of the leg at {leg.anchor_m:.0f} m survives its re-integration: after "
+            f"{round_} mesh refinements {what} by {by:.2g} {unit}; allow more refinements or a "
+            f"smoother objective (a larger λ₂)",
             "accuracy",
-            check.gap_m,
-            "m",
+            by,
+            unit,
         )
     return LegPlan(
         leg,
@@ -207,7 +217,7 @@ def plan_leg(
         raw.objective,
         raw.energy,
         raw.jerk,
-        _positions(leg, mesh.points, raw.guess.length_m),
+        leg.position_m(mesh.points, raw.guess.length_m),
         raw.guess.gap_m,
         raw.guess.ratio,
         raw.guess.bend,
@@ -241,13 +251,6 @@ def _solve(leg: Leg, mesh: Mesh, guesses: list[Guess]) -> RawSolution:
     raise AssertionError("refuse_unsolved always raises")
 
 
-def _positions(leg: Leg, points: Array, length_m: float) -> Array:
-    """Mother-train positions of points on [0, 1]."""
-    if leg.anchored == "start":
-        return leg.anchor_m + length_m * points
-    return leg.anchor_m - length_m * (1.0 - points)
-
-
 def _first_guess(leg: Leg, mesh: Mesh, stretch: float) -> Guess:
     """A smooth step of the gap over a length that the speeds suggest, holding force throughout."""
     change, points = leg.to_gap_m - leg.from_gap_m, mesh.points
@@ -256,7 +259,7 @@ def _first_guess(leg: Leg, mesh: Mesh, stretch: float) -> Guess:
     length = min(stretch * mother * abs(change) / relative, 0.95 * leg.room_m)
     length = leg.length_m or length
     slope = change / length
-    hold = leg.route.hold_mps2(leg.vehicle, _positions(leg, points, length), leg.from_gap_m)
+    hold = leg.route.hold_mps2(leg.vehicle, leg.position_m(points, length), leg.from_gap_m)
     return Guess(
         leg.from_gap_m + change * points**2 * (3.0 - 2.0 * points),
         1.0 + slope * 6.0 * points * (1.0 - points),
@@ -312,7 +315,7 @@ def _verify(
         points.append(edges[index] + width * local)
         ends.append(ends[-1] + halves)
     gap, ratio, bend = np.concatenate(planned, axis=1)
-    position = _positions(leg, np.concatenate(points), guess.length_m)
+    position = leg.position_m(np.concatenate(points), guess.length_m)
     force = _force(leg, position, gap, ratio, bend / guess.length_m)
     mother = leg.route.mother.speed_at(position)
     path = drive(course, position, force, float(gap[0]), float(ratio[0] * mother[0]))

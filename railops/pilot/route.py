@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 # the authors' published program has -0.0025/3 (0.23 m/s²).
 BETA_PER_M = -0.0025 / 3.0
 BETA_AS_PRINTED_PER_M = -0.008
+_MOST_ACCEL_MPS2 = 20.0  # no train; beyond it a unit is wrong
 
 
 class Ramp(NamedTuple):
@@ -71,6 +72,14 @@ class SpeedProfile:
                 "position_m", f"{at.size} knots", "two or more, increasing, one per acceleration"
             )
         check_range("speed_mps", self.speed_mps, 0.0, MAX_SPEED_MPS, "m/s")
+        if not (np.isfinite(at).all() and (np.abs(accel) <= _MOST_ACCEL_MPS2).all()):
+            worst = float(accel[np.argmax(~(np.abs(accel) <= _MOST_ACCEL_MPS2))])
+            raise DomainError(
+                "mother train's acceleration",
+                f"{worst:g} m/s²",
+                f"within ±{_MOST_ACCEL_MPS2:g} m/s²",
+                "speeds are in m/s, positions in metres",
+            )
         rise = np.diff(at) * (accel[:-1] + accel[1:]) / 2.0
         energy = 0.5 * self.speed_mps**2 + np.concatenate([[0.0], np.cumsum(rise)])
         energy[np.abs(energy) < 1e-6] = 0.0

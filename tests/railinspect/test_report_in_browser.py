@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import cv2
@@ -14,30 +13,10 @@ import pytest
 
 from railinspect.batch import InspectSettings, inspect_inputs
 from railops.braking import Train
+from tests.browser import browse, needs_browser
 from tests.railinspect.painted_ride import CAMERA, paint, read_paint, ride, write_video
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-BROWSER = os.environ.get("RAILINSPECT_CHROMIUM") or next(
-    filter(None, map(shutil.which, NAMES)), None
-)
-
-pytestmark = pytest.mark.skipif(
-    BROWSER is None,
-    reason=f"no browser: none of {', '.join(NAMES)} is installed and RAILINSPECT_CHROMIUM is unset",
-)
-
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--hide-scrollbars",
-    "--window-size=1280,1500",
-)
+pytestmark = needs_browser
 
 
 @pytest.fixture(scope="module")
@@ -52,19 +31,6 @@ def report(tmp_path_factory) -> Path:
     alone.parent.mkdir()
     shutil.copy(base / "out" / "report.html", alone)
     return alone
-
-
-def browse(report: Path, *options: str) -> str:
-    command = [
-        str(BROWSER),
-        *FLAGS,
-        f"--user-data-dir={report.parent / 'profile'}",
-        *options,
-        report.as_uri(),
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout
 
 
 def test_the_browser_finds_the_event_table(report):

@@ -224,7 +224,7 @@ def test_railtoolkit(tmp_path):
     broken = write(tmp_path, PATH.replace("[1500.0, 60, 5.0]", "[1500.0, 60]"), "broken.yaml")
     with pytest.raises(FileError, match=r"characteristic_sections\[1\] is \[1500.0, 60\]"):
         railtoolkit_path(broken)
-    with pytest.raises(FileError, match="train unit lacks or mistypes 'mass'"):
+    with pytest.raises(FileError, match=r"train\.yaml: train unit lacks 'mass'"):
         railtoolkit_train(write(tmp_path, TRAIN.replace("mass: 50, ", ""), "train.yaml"))
 
 
@@ -237,7 +237,9 @@ def test_osrd(tmp_path):
              "curves": [{"begin": 0, "end": 500, "radius": -400}]},
         ],
         "speed_sections": [{"id": "v", "speed_limit": 15.0, "track_ranges": [
-            {"track": "t1", "begin": 0, "end": 1500, "applicable_directions": "BOTH"}]}],
+            {"track": "t1", "begin": 0, "end": 1500, "applicable_directions": "BOTH"}]},
+            {"id": "w", "speed_limit": 5.0, "track_ranges": [
+            {"track": "t1", "begin": 0, "end": 1500, "applicable_directions": "STOP_TO_START"}]}],
         "detectors": [{"id": f"d{i}", "track": "t0", "position": 250.0 * i} for i in range(1, 4)]
         + [{"id": f"e{i}", "track": "t1", "position": 300.0 * i} for i in range(1, 5)],
     }  # fmt: skip
@@ -250,6 +252,7 @@ def test_osrd(tmp_path):
     back = osrd_section(path, ["-t1", "-t0"], 0.0, 2000.0, steps_kmh=(0, 40, 80))
     assert isinstance(back.protection, TrackCircuits)
     assert (1900.0, 0.01) in back.line.gradients  # 600 m from its begin, now climbing
+    assert back.limits_kmh == ((0.0, 18.0), (1500.0, 80.0))  # the limit of the other direction
     with pytest.raises(FileError, match="has no track t9"):
         osrd_section(path, ["t9"], 0.0, 100.0)
     with pytest.raises(FileError, match="as RailJSON infrastructure"):

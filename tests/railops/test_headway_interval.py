@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.headway import STEPS_KMH, random_pair
+from benchmarks.headway import STEPS_KMH, random_pair, searched
 from benchmarks.headway_fine import interval_s as fine_interval_s
 from railops.errors import RailOpsError
 from railops.headway import (
@@ -99,21 +99,25 @@ def test_the_closed_form_is_what_a_search_finds(seed):
         return simulate(pair, second, first, interval, dwell).restricted
 
     found = bracketed_interval(meets, 0.0, 900.0, 1e-6)
-    assert found == pytest.approx(pair.interval(second, first).at(dwell), abs=3e-6)
+    assert found == pytest.approx(pair.interval(second, first).at(dwell), abs=2e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(SEEDS, st.floats(0.0, 300.0))
 def test_linear_in_the_dwell(seed, more):
-    rng = np.random.default_rng(seed)
-    pair, second, first, dwell = random_pair(rng)
+    """By search, which does not know that the interval is a sum with the dwell in it."""
+    pair, second, first, dwell = random_pair(np.random.default_rng(seed))
     found = pair.interval(second, first)
     dwell = max(dwell, found.linear_from_s)
-    again = minimum_interval(pair.section, second, first, dwell + more)  # simulated anew
+    near = found.at(dwell)
+    one = searched(pair, second, first, dwell, near - 1.0, near + 1e-3)
+    two = searched(pair, second, first, dwell + more, near + more - 1.0, near + more + 1e-3)
+    assert two - one == pytest.approx(more, abs=1e-9)
+    # And what is computed is what is found, but for the micrometre per second that still counts as
+    # running under a code: coasting towards it that is some microseconds.
+    again = minimum_interval(pair.section, second, first, dwell + more)
+    assert again == pytest.approx(two, abs=2e-5)
     assert again - found.at(dwell) == pytest.approx(more, abs=1e-9)
-    # Not only the formula: the simulation with the longer dwell agrees.
-    assert not simulate(pair, second, first, again, dwell + more).restricted
-    assert simulate(pair, second, first, again - 0.01, dwell + more).restricted
 
 
 @settings(max_examples=20, deadline=None)

@@ -20,12 +20,16 @@ from railops.headway import (
     characteristic,
     choose_run_time,
     find_section,
+    load_section,
     regulate_line,
 )
 from railops.headway.animate import animation
 from railops.headway.draw import heat_map, speed_distance, surface, time_distance
 from railops.headway.published import MOSCOW, ZHENGZHOU
 from railops.headway.stairway import stairway
+from railops.traction import Davis
+from tests.railops.test_files_with_errors import INFRASTRUCTURE
+from tests.railops.test_headway_files import PATH, TRAIN
 
 
 def test_worked_example():
@@ -201,6 +205,67 @@ def test_commands(capsys, tmp_path):
     status, out, _ = run(capsys, "animate", "zhengzhou", *words)
     assert status == 0
     assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+@pytest.mark.parametrize(
+    ("name", "published", "bar_s"), [("moscow", MOSCOW, 1.0), ("zhengzhou", ZHENGZHOU, 3.0)]
+)
+def test_calibrate_command_in_short(name, published, bar_s, capsys, tmp_path):
+    """Two unknowns free, the others as in the built-in section, to either printed table."""
+    section, davis = find_section(name), Davis()
+    stock, protection = section.stock, section.protection
+    first = protection.circuits[0]
+    fixed = {
+        "length_m": section.length_m,
+        "accel_mps2": stock.effort.accel_mps2,
+        "power_w_per_kg": stock.effort.power_w_per_kg,
+        "resistance": stock.davis.c0 / davis.c0,
+        "brake_mps2": stock.brake_mps2,
+        "train_m": stock.length_m,
+        "pitch_m": first[1] - first[0],
+        "offset_m": first[1] % (first[1] - first[0]),
+        "design_decel_mps2": protection.design_decel_mps2,
+        "design_delay_s": protection.design_delay_s,
+    }
+    words = [f"--fix={key}={value}" for key, value in fixed.items()]
+    out = tmp_path / "fitted.yaml"
+    words += ["--generations", 4, "--seed", 1, "--out", out, "--json"]
+    status, text, _ = run(capsys, "calibrate", f"published-{name}", *words)
+    document = json.loads(text)
+    assert status == 0
+    assert document["rms_s"] <= bar_s
+    assert [item["name"] for item in document["estimates"]] == ["overlap_m", "delay_s"]
+    for item in document["estimates"]:
+        low, high = item["bounds"]
+        assert low <= item["equally_good"][0] <= item["value"] <= item["equally_good"][1] <= high
+    assert np.isfinite(np.array(document["residual_s"], float)).sum() == np.sum(
+        ~np.isnan(published.interval_s())
+    )
+    fitted = load_section(out)
+    table = characteristic(fitted, published.second_s.tolist(), published.first_s.tolist())
+    residual = table.interval_s(20.0) - published.interval_s()
+    assert np.sqrt(np.nanmean(residual**2)) == pytest.approx(document["rms_s"], abs=1e-9)
+
+
+def test_convert_command(capsys, tmp_path):
+    path, train, infra = (tmp_path / name for name in ("path.yaml", "train.yaml", "infra.json"))
+    path.write_text(PATH, encoding="utf-8")
+    train.write_text(TRAIN, encoding="utf-8")
+    infra.write_text(json.dumps(INFRASTRUCTURE), encoding="utf-8")
+    out = tmp_path / "out.yaml"
+    status, text, _ = run(capsys, "convert", path, "--train", train, "--out", out)
+    assert status == 0
+    assert "hilly, 2000 m, shortest run time" in text
+    assert load_section(out).stock.length_m == 80.0
+    words = ("--tracks=t0,-t1", "--from-m", 100, "--to-m", 1600, "--out", out)
+    status, text, _ = run(capsys, "convert", infra, *words, "--json")
+    assert status == 0
+    assert json.loads(text)["length_m"] == 1500.0
+    status, _, error = run(capsys, "convert", infra, "--tracks", "t0", "--out", out)
+    assert status == 2
+    assert "--to-m is missing; expected the next stop" in error
+    status, _, error = run(capsys, "characteristic", out, "--run-times", "1000,1001")
+    assert status == 2
 
 
 @pytest.mark.parametrize(

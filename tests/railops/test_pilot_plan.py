@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -24,6 +25,7 @@ from railops.pilot import (
 )
 from railops.pilot._smooth import SmoothRamp
 from railops.pilot.lobatto import evaluate, lobatto
+from railops.pilot.plots import plot_legs
 from railops.pilot.profiles import random_route
 from railops.pilot.route import BETA_AS_PRINTED_PER_M, Ramp
 from railops.traction import GRAVITY_MPS2, Davis, Line
@@ -111,6 +113,24 @@ def test_without_continuity_the_force_jumps_and_with_it_does_not(opening):
         assert opening.force_mps2[index] == pytest.approx(hold, abs=1e-4)
 
 
+def test_the_legs_are_drawn_beside_each_other(opening, closing, tmp_path):
+    target = plot_legs({"opening": opening, "closing": closing}, tmp_path / "legs" / "both.png")
+    picture = cv2.imread(str(target))[:, :, ::-1].astype(int)
+    blue = np.abs(picture - (31, 78, 156)).max(axis=2) < 40
+    height, width = blue.shape
+    for rows in (slice(0, height // 2), slice(height // 2, height)):
+        for columns in (slice(0, width // 2), slice(width // 2, width)):
+            assert blue[rows, columns].sum() > 200
+
+
+def test_a_worst_case_jerk_does_not_let_the_force_jitter_below_it():
+    """Between its two pulses the leg holds a speed: one force, though others cost as much."""
+    plan = plan_leg(replace(OPENING, objective=Objective(jerk="worst")))
+    path = plan.trajectory
+    held = path.force_mps2[(path.position_m > 16.2e3) & (path.position_m < 19.2e3)]
+    assert np.ptp(held) < 0.015
+
+
 def test_small_jerk_weight_gives_sharper_forces(opening):
     """Fig. 10 against Fig. 9 (f): λ₂ = 10 reaches the limits and changes much faster."""
     sharp = plan_leg(replace(OPENING, objective=Objective(jerk_weight=10.0)))
@@ -170,6 +190,15 @@ def test_random_profiles_are_driven_as_planned_or_refused(seed):
     assert path.force_mps2.max() < vehicle.traction_mps2 + 0.01
     assert path.force_mps2.min() > -vehicle.braking_mps2 - 0.01
     assert path.gap_m.min() > min(leg.from_gap_m, leg.to_gap_m) - 0.2
+
+
+def test_the_solver_knows_the_mother_trains_speed():
+    """The force found at the nodes is the exact profile's, where the train gains speed."""
+    mother = SpeedProfile.through([0.0, 12e3, 24e3, 40e3], [20.0, 20.0, 30.0, 30.0])
+    plan = plan_leg(replace(OPENING, route=Route(mother), anchor_m=13e3, longest_m=9e3))
+    path = plan.trajectory
+    exact = np.interp(plan.position_m, path.position_m, path.force_mps2)
+    assert plan.force_mps2[::3] == pytest.approx(exact[::3], abs=0.01)
 
 
 def test_a_warm_start_takes_fewer_iterations(opening):
@@ -328,19 +357,21 @@ def test_lobatto_is_exact_on_polynomials(count, degree):
 @given(
     st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=6),
     st.floats(0.0, 2000.0),
+    st.sampled_from([0.0, 200.0, 730.0, 1000.0]),
 )
-def test_smooth_twin_is_within_its_rounding(values, at):
+def test_smooth_twin_is_within_its_rounding(values, at, low):
     import casadi
 
     knots = 200.0 + 250.0 * np.arange(len(values))
     ramp = Ramp(knots, np.array(values))
     symbol = casadi.SX.sym("p")
-    rounding = 5.0
-    twin = SmoothRamp(ramp, 0.0, 2000.0, rounding)
-    value = casadi.Function("f", [symbol], [twin.value(symbol), twin.integral(symbol)])
+    rounding = 3.0 + 10.0 * (np.arange(len(values)) % 3)  # sharper at some knots than at others
+    twin = SmoothRamp(ramp, low, 2000.0, rounding)
+    value = casadi.Function("f", [symbol], [*twin.value_and_integral(symbol)])
+    at = max(at, low)
     found, area = (float(part) for part in value(at))
-    bends = np.abs(np.diff(np.diff(values) / 250.0, prepend=0.0, append=0.0)).sum()
-    assert abs(found - float(ramp.at(at))) <= 0.5 * rounding * bends + 1e-9
-    fine = np.linspace(0.0, at, 4001)
-    exact = np.trapezoid(ramp.at(fine), fine) if at > 0 else 0.0
-    assert area == pytest.approx(exact, abs=0.5 * rounding * bends * at + 1e-3)
+    bends = np.abs(np.diff(np.diff(values) / 250.0, prepend=0.0, append=0.0)) @ rounding
+    assert abs(found - float(ramp.at(at))) <= 0.5 * bends + 1e-9
+    fine = np.linspace(low, at, 4001)
+    exact = np.trapezoid(ramp.at(fine), fine) if at > low else 0.0
+    assert area == pytest.approx(exact, abs=0.5 * bends * (at - low) + 1e-3)
