@@ -169,17 +169,32 @@ def exchange(drives: int) -> list[Measure]:
     return measures
 
 
-def main() -> None:
-    arguments = parser(__doc__)
-    arguments.add_argument("--seeds", type=int, default=200, help="detector sets (default 200)")
-    arguments.add_argument("--drives", type=int, default=200, help="drives (default 200)")
-    options = arguments.parse_args()
+def probability() -> list[Measure]:
+    """The three printed collision probabilities."""
     measures = []
     for change, printed, ours in published_values():
         off = max(ours / printed, printed / ours)
         name = f"collision probability, car {change:g} km/h: {ours:.3g} for {printed:.3g}, factor"
         measures.append(Measure(name, off, "", 1.5))
-    measures += detection(options.seeds) + speed() + reaction() + exchange(options.drives)
+    return measures
+
+
+def main() -> None:
+    arguments = parser(__doc__)
+    arguments.add_argument("--seeds", type=int, default=200, help="detector sets (default 200)")
+    arguments.add_argument("--drives", type=int, default=200, help="drives (default 200)")
+    parts: dict[str, Callable[[], list[Measure]]] = {
+        "probability": probability,
+        "detection": lambda: detection(options.seeds),
+        "speed": speed,
+        "reaction": reaction,
+        "exchange": lambda: exchange(options.drives),
+    }
+    arguments.add_argument(
+        "--part", choices=list(parts), action="append", help="only this part (repeatable)"
+    )
+    options = arguments.parse_args()
+    measures = [measure for name in options.part or parts for measure in parts[name]()]
     publish("crossing", measures, options.json)
 
 
