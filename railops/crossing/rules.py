@@ -176,12 +176,14 @@ class StopCheck:
         object.__setattr__(self, "possible", self.spare_m >= 0.0)
 
 
-def can_stop(situation: Situation, train: Train | None = None) -> StopCheck:
+def can_stop(
+    situation: Situation, train: Train | None = None, age_s: float = 0.0
+) -> StopCheck:
     """Whether the train, braked through the valve now, stands before the crossing.
 
     Slope and air come from the situation, the rest from ``train`` (default: a suburban multiple
     unit); the motion is the shared traction model's. The stop is reckoned from the largest speed
-    the measurement allows.
+    the measurement allows, and from where the train is by now if its report is ``age_s`` old.
 
     Example:
         >>> check = can_stop(Situation(80.0, 40.0, 0.0, 0.0, 1000.0, 500.0, 20.0, 50.0))
@@ -200,4 +202,5 @@ def can_stop(situation: Situation, train: Train | None = None) -> StopCheck:
         needed = stopping_distance(with_valve(here), speed_mps=here.fastest_mps).distance_m
     except CannotStopError:
         needed = math.inf
-    return StopCheck(situation.train_distance_m, needed)
+    check_range("age_s", age_s, 0.0, 600.0, "s")
+    return StopCheck(situation.train_distance_m - age_s * here.fastest_mps, needed)

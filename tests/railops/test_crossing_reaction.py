@@ -2,6 +2,7 @@
 
 import importlib
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,6 +75,29 @@ def test_doubt_spreads_with_horizon_and_age() -> None:
         )
 
     assert p(200.0, 0.0) < p(600.0, 0.0) < p(600.0, 5.0) < p(600.0, 15.0)
+
+
+def test_a_late_report_is_no_present_position() -> None:
+    # ten seconds ago the car was 10 s behind the train, so by now both are there together
+    train, car = Approach(400.0, 20.0), Approach(600.0, 20.0, 10.0)
+    met = collision_probability(train, car)
+    assert met > collision_probability(train, Approach(650.0, 20.0, 10.0))
+    assert met > collision_probability(train, Approach(550.0, 20.0, 10.0))
+    assert met > 5.0 * collision_probability(train, replace(car, age_s=0.0))
+    problem = Problem((train,), (car,))
+    assert problem.probability_unchanged() == collision_probability(train, car)
+    # predicted to be over the crossing is not the same as reported over it
+    gone = Approach(60.0, 20.0, 4.0)
+    assert collision_probability(Approach(10.0, 20.0), gone) > 0.01
+    assert collision_probability(Approach(10.0, 20.0), Approach(-20.0, 20.0)) == 0.0
+
+
+def test_a_late_report_leaves_less_room_to_stop() -> None:
+    ahead = Situation(80.0, 0.0, 0, 0, 600.0, -3.0, 20.0, 50.0)
+    assert not react(ahead, seed=1).too_late
+    late = react(ahead, seed=1, train_age_s=10.0)
+    assert late.too_late
+    assert late.stop.distance_m < 600.0 - 10.0 * 80.0 / 3.6
 
 
 def test_standing_and_passed_vehicles() -> None:
