@@ -14,7 +14,7 @@ from railops.crossing import negative, tables, vdetector
 from railops.crossing.audit import audit
 from railops.crossing.bus import FIELD, WORST
 from railops.crossing.detectors import DetectorSet
-from railops.crossing.experiment import ACTIONS, METHODS, SCENARIOS, run, scenario
+from railops.crossing.experiment import ACTIONS, ATTEMPTS, METHODS, SCENARIOS, crowd, run, scenario
 from railops.crossing.front import nsga2
 from railops.crossing.probability import published_values
 from railops.crossing.published import ALARMED, ANTIGENS, SELF
@@ -153,6 +153,29 @@ def reaction() -> list[Measure]:
     return measures
 
 
+def crowds() -> list[Measure]:
+    """Two trains and three cars: every method beside the NSGA-II front's best, mean of attempts."""
+    ratios: dict[str, list[float]] = {name: [] for name in METHODS}
+    used: dict[str, list[float]] = {name: [] for name in METHODS}
+    for problem in (crowd(number, actions) for actions in ACTIONS for number in range(10)):
+        best = nsga2(problem, seed=0).best(problem).objective
+        for name, solve in METHODS.items():
+            start = time.process_time()
+            found = [solve(problem, attempt).objective for attempt in range(ATTEMPTS)]
+            used[name].append((time.process_time() - start) / ATTEMPTS)
+            ratios[name].append(float(np.mean(found)) / best)
+    measures = []
+    for name, values in ratios.items():
+        within = float(np.mean(np.array(values) <= 1.01))
+        label = f"2 trains, 3 cars, {name}"
+        measures += [
+            Measure(f"{label}: median objective / front's best", np.median(values), ""),
+            Measure(f"{label}: problems within 1 % of the front", within, "", None, "higher"),
+            Measure(f"{label}: processor time", np.median(used[name]), "s"),
+        ]
+    return measures
+
+
 def exchange(drives: int) -> list[Measure]:
     """Collisions, their causes, and what caution costs."""
     measures = []
@@ -188,6 +211,7 @@ def main() -> None:
         "detection": lambda: detection(options.seeds),
         "speed": speed,
         "reaction": reaction,
+        "crowds": crowds,
         "exchange": lambda: exchange(options.drives),
     }
     arguments.add_argument(

@@ -73,7 +73,9 @@ def cause_of(drive: Drive, avoidable: bool) -> str:
 
     Example:
         >>> plan = Plan(1, 20.0, 2500.0, 110.0, 60.0)
-        >>> late = Drive(plan, True, 20.0, 125.0, None, None, 101.0, 110.0, None, None, 5.0, None, (), ())
+        >>> late = Drive(
+        ...     plan, True, 20.0, 125.0, None, None, 101.0, 110.0, None, None, 5.0, None, (), ()
+        ... )
         >>> cause_of(late, avoidable=False)
         'the car stalled 9.0 s after the last braking point; no radio could have helped'
     """

@@ -3,8 +3,9 @@
 The thesis prints three values and no formula. The model stated here:
 
 - A vehicle of speed v at distance d reaches the crossing at T = d/v and occupies it until its rear
-  has left, (zone + length)/v later. A report τ seconds old is no present position: d is the reported
-  distance less what the vehicle has run since at its reported speed. Of the train only the leading part counts (`Crossing.lead_m`).
+  has left, (zone + length)/v later. Of the train only the leading part counts (`Crossing.lead_m`).
+  A report τ seconds old is no present position: d is the reported distance less what the vehicle
+  has run since at its reported speed.
 - Each arrival time is uncertain with the scale
   σ² = (ε/v)² + (ρ·T)² + (a·τ·T/v)² + (a·τ²/(2v))²: position error ε; relative speed error ρ, so
   that σ grows with the horizon; and a message τ seconds old, in which the vehicle may have

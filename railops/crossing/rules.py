@@ -188,9 +188,7 @@ class StopCheck:
         object.__setattr__(self, "possible", self.spare_m >= 0.0)
 
 
-def can_stop(
-    situation: Situation, train: Train | None = None, age_s: float = 0.0
-) -> StopCheck:
+def can_stop(situation: Situation, train: Train | None = None, age_s: float = 0.0) -> StopCheck:
     """Whether the train, braked through the valve now, stands before the crossing.
 
     Slope and air come from the situation, the rest from ``train`` (default: a suburban multiple

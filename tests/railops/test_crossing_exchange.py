@@ -19,7 +19,7 @@ from railops.crossing.audit import audit, cause_of
 from railops.crossing.bus import FIELD, PERFECT, WORST, Bus, Link, Message
 from railops.crossing.drive import Plan
 from railops.crossing.geodesy import Position
-from railops.crossing.kalman import Predictor, Report
+from railops.crossing.kalman import Noise, Predictor, Report
 from railops.crossing.units import (
     AS_PUBLISHED,
     CAUTIOUS,
@@ -41,6 +41,29 @@ def test_order_of_arrival_does_not_matter(reports: list[Report]) -> None:
     assert found.distance_m == pytest.approx(800.0, abs=1e-6)
     assert found.speed_mps == pytest.approx(20.0)
     assert found.age_s == 5.0
+
+
+def test_the_filter_is_the_matrix_form() -> None:
+    noise = Noise(position_m=4.0, speed_mps=0.5, accel=0.6)
+    reports = [Report(0.0, 900.0, 19.0), Report(1.5, 873.0, 20.0), Report(4.0, 820.0, 21.5)]
+    predictor = Predictor(noise)
+    for report in reports:
+        predictor.add(report, 9.0)
+    measured = np.diag([noise.position_m**2, noise.speed_mps**2])
+    state, spread, at = np.array([900.0, 19.0]), measured.copy(), 0.0
+    for now, report in [(1.5, reports[1]), (4.0, reports[2]), (9.0, None)]:
+        t = now - at
+        move = np.array([[1.0, -t], [0.0, 1.0]])
+        grown = noise.accel**2 * np.array([[t**3 / 3, -(t**2) / 2], [-(t**2) / 2, t]])
+        state, spread, at = move @ state, move @ spread @ move.T + grown, now
+        if report is not None:
+            gain = spread @ np.linalg.inv(spread + measured)
+            state = state + gain @ (np.array([report.distance_m, report.speed_mps]) - state)
+            spread = (np.eye(2) - gain) @ spread
+    found = predictor.estimate(9.0)
+    np.testing.assert_allclose([found.distance_m, found.speed_mps], state, rtol=1e-12)
+    spreads = [found.distance_std_m**2, found.speed_std_mps**2]
+    np.testing.assert_allclose(spreads, np.diag(spread), rtol=1e-12)
 
 
 def test_doubt_grows_with_the_age_of_the_news() -> None:
@@ -129,7 +152,9 @@ def test_an_old_state_never_replaces_a_newer_one() -> None:
     bus, _, _ = units(now)
     train = TrainUnit("10", bus, "5", CAUTIOUS, lambda: now[0])
     train.receive(Message("state", "1000", "10", 19.0, {"busy": False, "closed": False}))
-    train.receive(Message("state", "1000", "10", 12.0, {"busy": True, "closed": False}))  # overtaken
+    train.receive(
+        Message("state", "1000", "10", 12.0, {"busy": True, "closed": False})
+    )  # overtaken
     assert not train.must_brake(400.0, 390.0)
     now[0] = 24.5
     assert train.must_brake(400.0, 390.0)
