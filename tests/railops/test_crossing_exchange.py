@@ -306,7 +306,10 @@ SITUATION = ["80", "40", "0", "0", "1000", "500", "20", "50"]
 
 def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     memory = str(tmp_path / "immune.db")
-    assert cli.main(["crossing", "train", memory, "--json"]) == 0
+    drawing = tmp_path / "space.png"
+    train = ["crossing", "train", memory, "--json", "--drawing", str(drawing)]
+    assert cli.main(train) == 0
+    assert drawing.stat().st_size > 10_000
     assert json.loads(capsys.readouterr().out)["coverage"]["low"] > 0.95
     assert cli.main(["crossing", "assess", *SITUATION, "--memory", memory, "--json"]) == 1
     judged = json.loads(capsys.readouterr().out)

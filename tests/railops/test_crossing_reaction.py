@@ -12,7 +12,7 @@ from scipy import stats
 
 from railops._extras import extra
 from railops.crossing import clonal, genetic, perceptron, tables
-from railops.crossing.experiment import METHODS, run, scenario
+from railops.crossing.experiment import METHODS, crowd, run, scenario
 from railops.crossing.fallback import Order, react
 from railops.crossing.front import nsga2
 from railops.crossing.probability import (
@@ -209,7 +209,9 @@ def test_tables_of_a_short_plan() -> None:
     assert all(row.improved and row.low <= row.high < row.tested for row in rows)
     criteria = [row.criterion for row in tables.compare(runs, "genetic algorithm", seed=0)]
     assert criteria == list(tables.CRITERIA)
-    assert "experiments improved" in tables.text(runs, 0)
+    shown = tables.text(runs, 0)
+    assert shown.count("4 of 4 improved") == len(METHODS)
+    assert "± 0 (0.00086)" in shown  # clonal selection finds the same answer; the thesis's mean
     with pytest.raises(EvidenceError, match="no runs of magic"):
         tables.values(runs, "magic", "collision probability")
 
@@ -225,3 +227,13 @@ def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_probability_is_finite_at_the_edges() -> None:
     assert math.isfinite(collision_probability(Approach(0.0, 0.001), Approach(0.0, 0.001)))
+
+
+def test_clonal_selection_leads_the_genetic_algorithm_on_a_crowd() -> None:
+    problem = crowd(1, BOTH_WAYS)
+    assert problem == crowd(1, BOTH_WAYS)
+    assert (len(problem.trains), len(problem.cars)) == (2, 3)
+    best = nsga2(problem, seed=1, population=60, generations=60).best(problem).objective
+    found = {name: METHODS[name](problem, seed=1).objective for name in METHODS}
+    assert found["clonal selection"] <= 1.01 * best
+    assert found["clonal selection"] <= found["genetic algorithm"]
