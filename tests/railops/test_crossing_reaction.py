@@ -193,6 +193,7 @@ def test_genetic_algorithm_counts_its_evaluations() -> None:
         ((80.0, 40.0, 0, 0, 1000.0, 500.0, 20.0, 50.0), Order.CHANGE_SPEEDS, False),
         ((80.0, 0.0, 0, 0, 900.0, -3.0, 20.0, 50.0), Order.STOP_TRAIN, False),
         ((80.0, 0.0, 0, 0, 300.0, -3.0, 20.0, 50.0), Order.STOP_TRAIN, True),
+        ((80.0, 40.0, 0, 0, 150.0, 75.0, 20.0, 50.0), Order.STOP_TRAIN, True),  # P 0.04 is left
     ],
 )
 def test_fall_back(values: tuple[float, ...], order: Order, too_late: bool) -> None:
