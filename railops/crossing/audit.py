@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from railops.crossing.bus import PERFECT, Link
-from railops.crossing.drive import Drive, Plan, run
+from railops.crossing.drive import CYCLE_S, Drive, Plan, run
 from railops.crossing.units import Policy
 from railops.errors import check_range
 
@@ -20,7 +20,8 @@ class Unsafe:
         seed: The drive's seed.
         impact_mps: Speed of the collision, m/s.
         avoidable: A system without delay and loss avoids it.
-        cause: Why it happened, in words.
+        cause: Why it happened, in words; empty if the messages do not explain it, which is a
+            defect of the exchange itself.
     """
 
     seed: int
@@ -68,9 +69,13 @@ class Audit:
 def cause_of(drive: Drive, avoidable: bool) -> str:
     """Why this drive ended in a collision, by the chain car → station → train → brake.
 
+    Every cause rests on a time that came too late; if none did, the cause is empty.
+
     Example:
         >>> plan = Plan(1, 20.0, 2500.0, 110.0, 60.0)
-        >>> late = Drive(plan, True, 20.0, 125.0, None, None, 101.0, 110.0, None, None, 5.0, (), ())
+        >>> late = Drive(
+        ...     plan, True, 20.0, 125.0, None, None, 101.0, 110.0, None, None, 5.0, None, (), ()
+        ... )
         >>> cause_of(late, avoidable=False)
         'the car stalled 9.0 s after the last braking point; no radio could have helped'
     """
@@ -98,9 +103,12 @@ def cause_of(drive: Drive, avoidable: bool) -> str:
         )
     if drive.train_knew_s is None:
         return "no busy signal reached the train, though the station knew in time"
+    late = drive.train_knew_s - last
+    if late <= -CYCLE_S:
+        return ""
     return (
         f"the busy signal reached the train {drive.train_knew_s - drive.station_knew_s:.1f} s "
-        f"after the station knew, {drive.train_knew_s - last:.1f} s after the last braking point"
+        f"after the station knew, {late:.1f} s after the last braking point"
     )
 
 

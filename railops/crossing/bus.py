@@ -41,7 +41,7 @@ class Message:
     """One message.
 
     Attributes:
-        kind: position, area, register, graph, state, or standing.
+        kind: position, area, register, graph, state, close, or standing.
         sender: Unit that sent it.
         receiver: Unit it is for.
         sent_s: When, s.

@@ -35,7 +35,7 @@ class Settings:
     selected: int = 8
     clones: int = 20
     generations: int = 50
-    decay: float = 5.0
+    decay: float = 3.0
     suppression: float = 0.01
     fresh: int = 3
 

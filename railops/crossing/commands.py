@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from railops.cli import Commands, Result
-from railops.crossing import coverage, negative, tables, vdetector
+from railops.crossing import coverage, negative, projections, tables, vdetector
 from railops.crossing.audit import audit
 from railops.crossing.bus import Link
 from railops.crossing.drive import Plan, run, save
@@ -17,9 +17,9 @@ from railops.crossing.fallback import react
 from railops.crossing.memory import Memory
 from railops.crossing.probability import Approach, collision_probability
 from railops.crossing.problem import BOTH_WAYS, SLOW_DOWN
-from railops.crossing.published import SELF
+from railops.crossing.published import ANTIGENS, SELF
 from railops.crossing.rules import can_stop, clearance
-from railops.crossing.situation import DIMENSIONS, SPACE, Situation
+from railops.crossing.situation import DIMENSIONS, SPACE, Situation, as_points
 from railops.crossing.units import Policy
 from railops.errors import FileError
 
@@ -39,6 +39,7 @@ def add_commands(commands: Commands) -> None:
         default="v-detectors",
         help="variable radii; moving detectors as printed (raw units); the same in the unit cube",
     )
+    add("--drawing", type=Path, help="image file for the space in projections (Fig. 4.4)")
     add("--seed", type=int, default=0, help="seed of the random numbers")
 
     add = commands.add("assess", "judge one situation", _assess).add_argument
@@ -87,6 +88,8 @@ def _train(arguments: argparse.Namespace) -> Result:
         settings = negative.PUBLISHED if arguments.method == "published" else negative.SCALED
         detectors = negative.train(safe, arguments.seed, settings)
     Memory(arguments.memory).save(detectors)
+    if arguments.drawing is not None:
+        projections.draw(arguments.drawing, detectors, as_points(safe), ANTIGENS)
     found = coverage.estimate(detectors, safe, arguments.seed)
     document = {
         "memory": str(arguments.memory),

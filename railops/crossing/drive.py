@@ -1,7 +1,8 @@
 """One drive: a train, a crossing, and a car that stalls on it; discrete events move the messages.
 
 The world moves the train by the shared equation of motion and knows the truth; the units of
-:mod:`railops.crossing.units` know only their messages.
+:mod:`railops.crossing.units` know only their messages. The car stalls whether or not the crossing
+has been closed by then: lights and barriers do not push a car off the track.
 """
 
 from __future__ import annotations
@@ -87,6 +88,7 @@ class Drive:
         station_knew_s: When the station first heard of the car; None: never.
         train_knew_s: When "busy" first reached the train; None: never.
         registered_s: When the station's first state reached the train; None: never.
+        closed_s: When the station first heard the train ask for closing; None: never.
         prediction_errors_m: The station's error in the train's position, m, once a second.
         prediction_std_m: The standard deviation it claimed.
     """
@@ -102,6 +104,7 @@ class Drive:
     station_knew_s: float | None
     train_knew_s: float | None
     registered_s: float | None
+    closed_s: float | None
     prediction_errors_m: tuple[float, ...]
     prediction_std_m: tuple[float, ...]
 
@@ -170,11 +173,15 @@ def run(plan: Plan, link: Link, policy: Policy) -> tuple[Drive, tuple[Trace, ...
     env = extra("crossing", "simpy", "the exchange simulation").Environment()
     bus = Bus(env, link, np.random.default_rng([plan.seed, 1]))
     world = _World(plan)
-    Centre("5", bus, (Area(ZONE, PLACE, 2400.0),))
+
+    def clock() -> float:
+        return float(env.now)
+
+    Centre("5", bus, (Area(ZONE, PLACE, 2400.0),), clock)
     graph = {"tracks": 1, "nodes": ["block 1", "crossing", "block 2"], "edges": [[0, 1], [1, 2]]}
-    station = Station(ZONE, bus, graph, lambda: float(env.now))
-    car = CarUnit("100", bus, ZONE)
-    train = TrainUnit("10", bus, "5", policy, lambda: float(env.now))
+    station = Station(ZONE, bus, graph, clock)
+    car = CarUnit("100", bus, ZONE, clock)
+    train = TrainUnit("10", bus, "5", policy, clock)
     rng = np.random.default_rng([plan.seed, 2])
     errors: list[float] = []
     claimed: list[float] = []
@@ -184,6 +191,8 @@ def run(plan: Plan, link: Link, policy: Policy) -> tuple[Drive, tuple[Trace, ...
             noise = rng.normal(size=2)
             here = offset(PLACE, world.distance_m + 5.0 * noise[0], 0.0)
             train.report(here, world.distance_m + 5.0 * noise[0], world.speed_mps + 0.3 * noise[1])
+            needed = stop(world.speed_mps, _motion(), 0.5)[0]
+            train.ask_to_close(world.distance_m, world.speed_mps, needed)
             car.tick(plan.occupied(env.now))
             station.publish()
             try:
@@ -252,6 +261,7 @@ def _summary(
         first("standing", ZONE, "standing"),
         first("state", "10", "busy"),
         first("state", "10"),
+        first("close", ZONE),
         tuple(errors),
         tuple(claimed),
     )

@@ -2,7 +2,9 @@
 
 The thesis prints only the collision probabilities of its first two scenarios before the reaction,
 0.626 and 0.577. The ten here are stated: both vehicles arrive within two seconds of each other,
-from different distances at different speeds.
+from different distances at different speeds. With one train and one bus the best answer is to leave
+the train alone and slow the bus as far as allowed, so all methods soon agree; :func:`crowd` is the
+harder plan beside it.
 """
 
 from __future__ import annotations
@@ -10,6 +12,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from railops.crossing import clonal, genetic, perceptron
 from railops.crossing.probability import Approach
@@ -58,6 +62,30 @@ def scenario(number: int, actions: ActionRange) -> Problem:
         (Approach(car_d, car_v / KMH_PER_MPS),),
         actions,
     )
+
+
+def crowd(number: int, actions: ActionRange) -> Problem:
+    """Two trains and three cars that all arrive within seconds of a train, drawn from ``number``.
+
+    What helps against one train may hurt against the other, so that the best changes lie inside
+    the range.
+
+    Example:
+        >>> problem = crowd(0, SLOW_DOWN)
+        >>> len(problem.trains), len(problem.cars), round(problem.probability_unchanged(), 2)
+        (2, 3, 0.18)
+    """
+    rng = np.random.default_rng([9, number])
+    trains, cars = [], []
+    for _ in range(2):
+        distance_m, speed_kmh = rng.uniform(600.0, 1000.0), rng.uniform(50.0, 100.0)
+        trains.append(Approach(float(distance_m), float(speed_kmh) / KMH_PER_MPS))
+    for place in range(3):
+        met = trains[place % 2]
+        arrives_s = met.distance_m / met.speed_mps + float(rng.uniform(-4.0, 4.0))
+        speed_mps = float(rng.uniform(25.0, 60.0)) / KMH_PER_MPS
+        cars.append(Approach(speed_mps * arrives_s, speed_mps))
+    return Problem(tuple(trains), tuple(cars), actions)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ def react(
     )
     before = problem.probability_unchanged()
     found = clonal.solve(problem, seed)
-    stop = can_stop(situation, train)
+    stop = can_stop(situation, train, train_age_s)
     if before < accepted:
         reason = f"collision probability {before:.2g} is below {accepted:g}"
         return Decision(Order.NOTHING, before, found, stop, False, reason)

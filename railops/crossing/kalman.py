@@ -7,10 +7,10 @@ that the order of arrival cannot matter.
 
 from __future__ import annotations
 
+import math
 from bisect import insort
 from dataclasses import dataclass
-
-import numpy as np
+from typing import NamedTuple
 
 from railops.errors import DomainError, MeasurementError, check_range
 
@@ -102,35 +102,52 @@ class Predictor:
             raise MeasurementError(
                 "age of the newest report", f"{age} s", f"0 to {self._noise.stale_s} s"
             )
-        noise = self._noise
-        measured = np.diag([noise.position_m**2, noise.speed_mps**2])
-        first = self._reports[0]
-        state = np.array([first.distance_m, first.speed_mps])
-        spread = measured.copy()
-        at = first.sent_s
+        noise, first = self._noise, self._reports[0]
+        belief = _Belief(
+            first.distance_m, first.speed_mps, noise.position_m**2, 0.0, noise.speed_mps**2
+        )
+        at_s = first.sent_s
         for report in self._reports[1:]:
-            state, spread = _forward(state, spread, report.sent_s - at, noise.accel)
-            gain = spread @ np.linalg.inv(spread + measured)
-            state = state + gain @ (np.array([report.distance_m, report.speed_mps]) - state)
-            spread = (np.eye(2) - gain) @ spread
-            at = report.sent_s
-        state, spread = _forward(state, spread, now_s - at, noise.accel)
-        deviation = np.sqrt(np.diag(spread))
+            belief = belief.later(report.sent_s - at_s, noise.accel).told(report, noise)
+            at_s = report.sent_s
+        belief = belief.later(now_s - at_s, noise.accel)
         return Estimate(
-            float(state[0]), float(state[1]), float(deviation[0]), float(deviation[1]), age
+            belief.distance_m,
+            belief.speed_mps,
+            math.sqrt(belief.distance_var),
+            math.sqrt(belief.speed_var),
+            age,
         )
 
 
-def _forward(
-    state: np.ndarray[tuple[int], np.dtype[np.float64]],
-    spread: np.ndarray[tuple[int, int], np.dtype[np.float64]],
-    step_s: float,
-    accel: float,
-) -> tuple[
-    np.ndarray[tuple[int], np.dtype[np.float64]], np.ndarray[tuple[int, int], np.dtype[np.float64]]
-]:
-    """Predict over ``step_s``; distance to the crossing shrinks with speed."""
-    move = np.array([[1.0, -step_s], [0.0, 1.0]])
-    q = accel * accel
-    grown = q * np.array([[step_s**3 / 3.0, -(step_s**2) / 2.0], [-(step_s**2) / 2.0, step_s]])
-    return move @ state, move @ spread @ move.T + grown
+class _Belief(NamedTuple):
+    """The filter's state: mean and covariance of distance (m) and speed towards it (m/s)."""
+
+    distance_m: float
+    speed_mps: float
+    distance_var: float
+    covariance: float
+    speed_var: float
+
+    def later(self, step_s: float, accel: float) -> _Belief:
+        """Predict: x ← F·x, P ← F·P·Fᵀ + Q with F = [1 −t; 0 1]; distance shrinks with speed."""
+        t, q = step_s, accel * accel
+        return _Belief(
+            self.distance_m - t * self.speed_mps,
+            self.speed_mps,
+            self.distance_var - 2.0 * t * self.covariance + t * t * self.speed_var + q * t**3 / 3.0,
+            self.covariance - t * self.speed_var - q * t * t / 2.0,
+            self.speed_var + q * t,
+        )
+
+    def told(self, report: Report, noise: Noise) -> _Belief:
+        """Update by the reported position, then by the speed; their errors are independent."""
+        d, v, p_dd, p_dv, p_vv = self
+        k_d, k_v = (part / (p_dd + noise.position_m**2) for part in (p_dd, p_dv))
+        off = report.distance_m - d
+        d, v = d + k_d * off, v + k_v * off
+        p_dd, p_dv, p_vv = (1.0 - k_d) * p_dd, (1.0 - k_d) * p_dv, p_vv - k_v * p_dv
+        k_d, k_v = (part / (p_vv + noise.speed_mps**2) for part in (p_dv, p_vv))
+        off = report.speed_mps - v
+        d, v = d + k_d * off, v + k_v * off
+        return _Belief(d, v, p_dd - k_d * p_dv, (1.0 - k_v) * p_dv, (1.0 - k_v) * p_vv)

@@ -4,6 +4,8 @@ The thesis prints three values and no formula. The model stated here:
 
 - A vehicle of speed v at distance d reaches the crossing at T = d/v and occupies it until its rear
   has left, (zone + length)/v later. Of the train only the leading part counts (`Crossing.lead_m`).
+  A report τ seconds old is no present position: d is the reported distance less what the vehicle
+  has run since at its reported speed.
 - Each arrival time is uncertain with the scale
   σ² = (ε/v)² + (ρ·T)² + (a·τ·T/v)² + (a·τ²/(2v))²: position error ε; relative speed error ρ, so
   that σ grows with the horizon; and a message τ seconds old, in which the vehicle may have
@@ -60,7 +62,7 @@ class Uncertainty:
 
 @dataclass(frozen=True)
 class Approach:
-    """One vehicle coming towards the crossing, as last reported.
+    """One vehicle coming towards the crossing, as last reported ``age_s`` ago.
 
     Attributes:
         distance_m: Front to the crossing, m; negative: on it or past it.
@@ -83,6 +85,11 @@ class Approach:
             raise MeasurementError(
                 "age_s", f"{self.age_s} s", "0 to 600 s", "a report from the future or a dead link"
             )
+
+    @property
+    def run_m(self) -> float:
+        """What it has run since the report if it kept its speed, m."""
+        return self.speed_mps * self.age_s
 
 
 @compiled
@@ -115,10 +122,12 @@ def arrival_variance(
 @compiled
 def pair_probability(
     train_d: float,
+    train_run: float,
     train_v: float,
     train_age: float,
     train_length: float,
     car_d: float,
+    car_run: float,
     car_v: float,
     car_age: float,
     car_length: float,
@@ -128,11 +137,14 @@ def pair_probability(
 ) -> float:
     """P of one train and one car; lengths include the zone; distances m, speeds m/s, ages s.
 
-    A vehicle that has passed strikes nobody; one that stands before the crossing does not come;
-    one that stands on it is there for ever.
+    A vehicle that was *reported* past the crossing strikes nobody; one only predicted to be past
+    it may. One that stands before the crossing does not come; one that stands on it is there for
+    ever.
     """
     if train_d + train_length <= 0.0 or car_d + car_length <= 0.0:
         return 0.0
+    train_d -= train_run
+    car_d -= car_run
     train_stands, car_stands = train_v < STANDING_MPS, car_v < STANDING_MPS
     if (train_stands and train_d > 0.0) or (car_stands and car_d > 0.0):
         return 0.0
@@ -169,13 +181,15 @@ def collision_probability(
     return float(
         pair_probability(
             train.distance_m,
+            train.run_m,
             train.speed_mps,
             train.age_s,
-            place.zone_m + place.lead_m,
+            place.train_occupies_m,
             car.distance_m,
+            car.run_m,
             car.speed_mps,
             car.age_s,
-            place.zone_m + place.car_length_m,
+            place.car_occupies_m,
             doubt.position_m,
             doubt.speed_rel,
             doubt.accel_mps2,

@@ -65,7 +65,8 @@ class Problem:
         if not self.trains or not self.cars:
             counts = f"{len(self.trains)} and {len(self.cars)}"
             raise DomainError("trains and cars", counts, "at least one of each")
-        rows = [(item.distance_m, item.speed_mps, item.age_s) for item in self.trains + self.cars]
+        vehicles = self.trains + self.cars
+        rows = [(item.distance_m, item.speed_mps, item.age_s, item.run_m) for item in vehicles]
         object.__setattr__(self, "_state", np.array(rows, dtype=np.float64))
 
     @property
@@ -92,8 +93,8 @@ class Problem:
             changes,
             self._state,
             len(self.trains),
-            place.zone_m + place.lead_m,
-            place.zone_m + place.car_length_m,
+            place.train_occupies_m,
+            place.car_occupies_m,
             doubt.position_m,
             doubt.speed_rel,
             doubt.accel_mps2,
@@ -131,7 +132,7 @@ def _evaluate(
     speed_rel: float,
     accel_mps2: float,
 ) -> tuple[Array, Array]:
-    """Both parts for every row of ``changes``; ``state`` holds distance, speed, age by vehicle."""
+    """Both parts for every row of ``changes``; ``state`` holds distance, speed, age, run."""
     count = changes.shape[0]
     worst, effort = np.zeros(count), np.zeros(count)
     for k in range(count):
@@ -142,10 +143,12 @@ def _evaluate(
                 car_v = max(state[j, 1] + changes[k, j] / KMH_PER_MPS, 0.0)
                 p = pair_probability(
                     state[i, 0],
+                    state[i, 3],
                     train_v,
                     state[i, 2],
                     train_length,
                     state[j, 0],
+                    state[j, 3],
                     car_v,
                     state[j, 2],
                     car_length,

@@ -9,6 +9,7 @@ import numpy as np
 from railops._extras import extra
 from railops.crossing.detectors import DetectorSet, extent
 from railops.crossing.situation import LOW, SPACE, SPAN, Array
+from railops.errors import FileError
 
 PAIRS: tuple[tuple[int, int], ...] = ((0, 1), (4, 5))
 """The published pairs: both speeds, and both distances."""
@@ -35,6 +36,7 @@ def draw(
 
     Raises:
         MissingExtraError: if matplotlib (which pymoo brings) is not installed.
+        FileError: if the file cannot be written, or its ending names no picture format.
     """
     figures = extra("crossing", "matplotlib.figure", "drawing projections")
     patches = extra("crossing", "matplotlib.patches", "drawing projections")
@@ -60,4 +62,7 @@ def draw(
     handles, labels = figure.axes[0].get_legend_handles_labels()
     title = f"circles: {len(detectors)} detectors"
     figure.legend(handles, labels, loc="outside lower center", ncols=3, title=title)
-    figure.savefig(path, dpi=90)
+    try:
+        figure.savefig(path, dpi=90)
+    except (OSError, ValueError) as error:
+        raise FileError(f"cannot draw into {path}: {error}") from error

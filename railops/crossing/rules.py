@@ -17,6 +17,9 @@ from railops.traction import Adhesion, Line
 VALVE_S = 7.0
 """The electro-pneumatic valve sounds for seven seconds before the brakes act (chapter 3)."""
 
+TRACK_SPACING_M = 4.1
+"""Usual distance between the centres of neighbouring main tracks, m."""
+
 CLEAR_BEFORE_S = 35.0
 """The crossing has to be clear this long before the train arrives (chapter 1)."""
 
@@ -27,7 +30,7 @@ class Crossing:
 
     Attributes:
         tracks: Number of tracks, >= 1.
-        zone_m: Length of road inside the clearance profile, m; as long along the rail.
+        zone_m: Length of road inside one track's clearance profile, m; as long along the rail.
         car_length_m: Length of a road vehicle, m.
         lead_m: Length of train that counts as striking a road user, m. Whoever reaches the
             crossing after that sees the train standing across the road; 11 m is calibrated to
@@ -48,6 +51,16 @@ class Crossing:
         check_range("car_length_m", self.car_length_m, 1.0, 40.0, "m")
         check_range("lead_m", self.lead_m, 0.0, 2000.0, "m")
         check_range("clear_before_s", self.clear_before_s, 0.0, 300.0, "s")
+
+    @property
+    def car_occupies_m(self) -> float:
+        """What a car runs from reaching the first track until its rear has left the last, m."""
+        return self.zone_m + (self.tracks - 1) * TRACK_SPACING_M + self.car_length_m
+
+    @property
+    def train_occupies_m(self) -> float:
+        """What the train runs from reaching the road until it counts as blocking it, m."""
+        return self.zone_m + self.lead_m
 
 
 def time_to_rendezvous_s(distance_m: float, speed_mps: float) -> float:
@@ -110,11 +123,10 @@ def clearance(
     check_range("train_length_m", train_length_m, 0.0, 2000.0, "m")
     train_v, car_v = situation.train_speed_mps, situation.car_speed_mps
     train_d, car_d = situation.train_distance_m, situation.car_distance_m
-    car_zone_m = place.zone_m + place.car_length_m
     train_at = time_to_rendezvous_s(train_d, train_v)
     train_gone = time_to_clear_s(train_d, place.zone_m + train_length_m, train_v)
     car_at = time_to_rendezvous_s(car_d, car_v)
-    car_gone = time_to_clear_s(car_d, car_zone_m, car_v)
+    car_gone = time_to_clear_s(car_d, place.car_occupies_m, car_v)
     margin = train_at - car_gone if math.isfinite(train_at) else math.inf
     kept, reason = False, ""
     if train_gone == 0.0:
@@ -176,12 +188,12 @@ class StopCheck:
         object.__setattr__(self, "possible", self.spare_m >= 0.0)
 
 
-def can_stop(situation: Situation, train: Train | None = None) -> StopCheck:
+def can_stop(situation: Situation, train: Train | None = None, age_s: float = 0.0) -> StopCheck:
     """Whether the train, braked through the valve now, stands before the crossing.
 
     Slope and air come from the situation, the rest from ``train`` (default: a suburban multiple
     unit); the motion is the shared traction model's. The stop is reckoned from the largest speed
-    the measurement allows.
+    the measurement allows, and from where the train is by now if its report is ``age_s`` old.
 
     Example:
         >>> check = can_stop(Situation(80.0, 40.0, 0.0, 0.0, 1000.0, 500.0, 20.0, 50.0))
@@ -200,4 +212,5 @@ def can_stop(situation: Situation, train: Train | None = None) -> StopCheck:
         needed = stopping_distance(with_valve(here), speed_mps=here.fastest_mps).distance_m
     except CannotStopError:
         needed = math.inf
-    return StopCheck(situation.train_distance_m, needed)
+    check_range("age_s", age_s, 0.0, 600.0, "s")
+    return StopCheck(situation.train_distance_m - age_s * here.fastest_mps, needed)

@@ -159,20 +159,29 @@ def compare(
 
 
 def text(runs: Sequence[Run], seed: int) -> str:
-    """All tables for people."""
+    """All tables for people, and what the thesis printed beside the means."""
     methods = list(dict.fromkeys(run.method for run in runs))
     lines = []
     for method in methods:
         tests = z_tests(runs, method)
         count = sum(row.improved for row in tests)
-        lines.append(f"{method}: {count} of {len(tests)} experiments improved (99.9 % z-test)")
-    for rival in methods:
+        lines.append(f"Tables 4.1-4.3, {method}: {count} of {len(tests)} improved (99.9 % z-test)")
+        lines += [
+            f"  {row.experiment:>3}  ({row.low:.6f}; {row.high:.6f})  before {row.tested:.4f}"
+            for row in tests
+        ]
+    for place, rival in enumerate(methods):
         if rival == "clonal selection":
             continue
-        lines.append(f"clonal selection against {rival} (mean, mean, difference 95 %, Wilcoxon p)")
+        lines.append(f"Tables 4.4-4.7, clonal selection against {rival}: mean ± deviation of each,")
+        lines.append(
+            "  95 % interval of the difference, Wilcoxon's p; in brackets the thesis's means"
+        )
         for row in compare(runs, rival, seed):
+            printed = PUBLISHED_MEANS[row.criterion]
             lines.append(
-                f"  {row.criterion:<26} {row.mean:>10.4g} {row.rival_mean:>10.4g}   "
-                f"[{row.difference_low:.3g}, {row.difference_high:.3g}]   p {row.p_value:.3g}"
+                f"  {row.criterion:<24} {row.mean:.3g} ± {row.deviation:.2g} ({printed[0]:g})"
+                f"   {row.rival_mean:.3g} ± {row.rival_deviation:.2g} ({printed[place]:g})"
+                f"   [{row.difference_low:.2g}, {row.difference_high:.2g}]   p {row.p_value:.2g}"
             )
     return "\n".join(lines)

@@ -15,13 +15,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from railops._compile import compiled
 from railops.crossing.coverage import trials_in_a_row
 from railops.crossing.detectors import DetectorSet, Units, coordinates, extent
-from railops.crossing.situation import DIMENSIONS, Situation, as_points
+from railops.crossing.situation import DIMENSIONS, Array, Situation, as_points
 from railops.errors import DomainError, check_range
 
 _BATCH = 256
-_MOST_DRAWS = 1_000_000
+_MOST_BATCHES = 4_000
+_HOPELESS = 10_000
+"""After so many draws without one outside the safe balls there is no room."""
 
 
 @dataclass(frozen=True)
@@ -78,31 +81,66 @@ def train(
     rng = np.random.default_rng(seed)
     far = extent(chosen.units)
     enough = trials_in_a_row(chosen.coverage, chosen.confidence)
-    centres, radii = np.empty((0, DIMENSIONS)), np.empty(0)
-    in_a_row, outside = 0, 0
-    candidates, rooms = np.empty((0, DIMENSIONS)), np.empty(0)
-    for drawn in range(_MOST_DRAWS):
-        if drawn % _BATCH == 0:
-            candidates = rng.random((_BATCH, DIMENSIONS)) * far
-            rooms = np.asarray(tree.query(candidates)[0]) - chosen.self_radius
-        candidate, room = candidates[drawn % _BATCH], rooms[drawn % _BATCH]
-        if room <= 0.0:
-            if drawn >= 10_000 and not outside:
-                break
-            continue
-        outside += 1
-        if (((centres - candidate) ** 2).sum(axis=1) < radii * radii).any():
-            in_a_row += 1
-            if in_a_row >= enough:
-                break
-            continue
-        in_a_row = 0
-        centres = np.concatenate([centres, candidate[None, :]])
-        radii = np.append(radii, room)
-        if len(radii) >= chosen.detectors:
+    centres, radii = np.empty((chosen.detectors, DIMENSIONS)), np.empty(chosen.detectors)
+    count, in_a_row, outside = 0, 0, 0
+    for batch in range(_MOST_BATCHES):
+        if batch * _BATCH >= _HOPELESS and not outside:
             break
-    if len(radii) == 0:
+        candidates = rng.random((_BATCH, DIMENSIONS)) * far
+        rooms = np.asarray(tree.query(candidates)[0]) - chosen.self_radius
+        candidates, rooms = candidates[rooms > 0.0], rooms[rooms > 0.0]
+        outside += len(rooms)
+        count, in_a_row = grow(candidates, rooms, centres, radii, count, in_a_row, enough)
+        if in_a_row >= enough or count >= chosen.detectors:
+            break
+    if count == 0:
         raise DomainError(
             "self_radius", chosen.self_radius, "small enough to leave room for a detector"
         )
+    centres, radii = centres[:count], radii[:count]
     return DetectorSet(centres, radii, chosen.self_radius, "V-detectors", seed, chosen.units)
+
+
+@compiled
+def grow(
+    candidates: Array,
+    rooms: Array,
+    centres: Array,
+    radii: Array,
+    count: int,
+    in_a_row: int,
+    enough: int,
+) -> tuple[int, int]:
+    """Try candidates in turn: an uncovered one becomes a detector, a covered one is evidence.
+
+    Args:
+        candidates: Shape (N, 8).
+        rooms: How large each may become, shape (N,), > 0.
+        centres: Filled from ``count`` on, shape (K, 8).
+        radii: Likewise, shape (K,).
+        count: Detectors so far.
+        in_a_row: Covered candidates in a row so far.
+        enough: How many of those end the training.
+
+    Returns:
+        ``count`` and ``in_a_row`` after the last candidate tried.
+    """
+    for i in range(candidates.shape[0]):
+        if in_a_row >= enough or count >= radii.shape[0]:
+            break
+        covered = False
+        for d in range(count):
+            apart = 0.0
+            for k in range(DIMENSIONS):
+                step = candidates[i, k] - centres[d, k]
+                apart += step * step
+            if apart < radii[d] * radii[d]:
+                covered = True
+                break
+        if covered:
+            in_a_row += 1
+            continue
+        in_a_row = 0
+        centres[count], radii[count] = candidates[i], rooms[i]
+        count += 1
+    return count, in_a_row

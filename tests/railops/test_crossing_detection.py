@@ -13,6 +13,7 @@ from railops.crossing.coverage import estimate, interval
 from railops.crossing.detectors import DetectorSet, distances
 from railops.crossing.geodesy import Position, geodesic_m, haversine_m, offset
 from railops.crossing.memory import Memory
+from railops.crossing.probability import Approach, collision_probability
 from railops.crossing.published import ALARMED, ANTIGENS, SELF
 from railops.crossing.rules import Crossing, can_stop, clearance
 from railops.crossing.situation import HIGH, LOW, Situation, as_points, random_situations, scaled
@@ -88,6 +89,15 @@ def test_positions_off_earth_are_refused() -> None:
 def test_rule_of_35_seconds(changes: dict[str, float], kept: bool, reason: str) -> None:
     verdict = clearance(situation(**changes))
     assert (verdict.kept, reason in verdict.reason) == (kept, True), verdict
+
+
+def test_a_second_track_takes_longer_to_cross() -> None:
+    now = situation(car_distance_m=60.0)
+    one, two = clearance(now), clearance(now, Crossing(tracks=2))
+    assert two.car_clears_s - one.car_clears_s == pytest.approx(4.1 / (40.0 / 3.6))
+    train, car = Approach(1000.0, 80 / 3.6), Approach(500.0, 38 / 3.6)
+    risk = [collision_probability(train, car, Crossing(tracks=count)) for count in (1, 2, 3)]
+    assert risk[0] < risk[1] < risk[2]
 
 
 def test_a_train_the_gradient_pulls_away_cannot_stop() -> None:

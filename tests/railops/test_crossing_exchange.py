@@ -19,7 +19,7 @@ from railops.crossing.audit import audit, cause_of
 from railops.crossing.bus import FIELD, PERFECT, WORST, Bus, Link, Message
 from railops.crossing.drive import Plan
 from railops.crossing.geodesy import Position
-from railops.crossing.kalman import Predictor, Report
+from railops.crossing.kalman import Noise, Predictor, Report
 from railops.crossing.units import (
     AS_PUBLISHED,
     CAUTIOUS,
@@ -41,6 +41,29 @@ def test_order_of_arrival_does_not_matter(reports: list[Report]) -> None:
     assert found.distance_m == pytest.approx(800.0, abs=1e-6)
     assert found.speed_mps == pytest.approx(20.0)
     assert found.age_s == 5.0
+
+
+def test_the_filter_is_the_matrix_form() -> None:
+    noise = Noise(position_m=4.0, speed_mps=0.5, accel=0.6)
+    reports = [Report(0.0, 900.0, 19.0), Report(1.5, 873.0, 20.0), Report(4.0, 820.0, 21.5)]
+    predictor = Predictor(noise)
+    for report in reports:
+        predictor.add(report, 9.0)
+    measured = np.diag([noise.position_m**2, noise.speed_mps**2])
+    state, spread, at = np.array([900.0, 19.0]), measured.copy(), 0.0
+    for now, report in [(1.5, reports[1]), (4.0, reports[2]), (9.0, None)]:
+        t = now - at
+        move = np.array([[1.0, -t], [0.0, 1.0]])
+        grown = noise.accel**2 * np.array([[t**3 / 3, -(t**2) / 2], [-(t**2) / 2, t]])
+        state, spread, at = move @ state, move @ spread @ move.T + grown, now
+        if report is not None:
+            gain = spread @ np.linalg.inv(spread + measured)
+            state = state + gain @ (np.array([report.distance_m, report.speed_mps]) - state)
+            spread = (np.eye(2) - gain) @ spread
+    found = predictor.estimate(9.0)
+    np.testing.assert_allclose([found.distance_m, found.speed_mps], state, rtol=1e-12)
+    spreads = [found.distance_std_m**2, found.speed_std_mps**2]
+    np.testing.assert_allclose(spreads, np.diag(spread), rtol=1e-12)
 
 
 def test_doubt_grows_with_the_age_of_the_news() -> None:
@@ -112,28 +135,80 @@ def units(now: list[float]) -> tuple[Bus, list[Message], Station]:
 def test_ids_receivers_areas_and_graphs_are_checked() -> None:
     bus, _, _ = units([0.0])
     with pytest.raises(DomainError, match="an id no other unit has"):
-        CarUnit("1000", bus, "1000")
+        CarUnit("1000", bus, "1000", lambda: 0.0)
     with pytest.raises(DomainError, match="receiver is 77"):
         bus.send("position", "1000", "77")
     with pytest.raises(DomainError, match="at least one track"):
         Station("1001", bus, {"tracks": 0}, lambda: 0.0)
     here = Position(57.0, 24.0)
     with pytest.raises(DomainError, match="do not overlap"):
-        Centre("5", bus, (Area("a", here, 100.0), Area("b", here, 100.0)))
+        Centre("5", bus, (Area("a", here, 100.0), Area("b", here, 100.0)), lambda: 0.0)
     with pytest.raises(DomainError, match="no duplicates"):
-        Centre("5", bus, (Area("a", here, 1.0), Area("a", Position(58.0, 24.0), 1.0)))
+        Centre("5", bus, (Area("a", here, 1.0), Area("a", Position(58.0, 24.0), 1.0)), lambda: 0.0)
 
 
 def test_an_old_state_never_replaces_a_newer_one() -> None:
     now = [20.0]
     bus, _, _ = units(now)
     train = TrainUnit("10", bus, "5", CAUTIOUS, lambda: now[0])
-    train.receive(Message("state", "1000", "10", 19.0, {"busy": False}))
-    train.receive(Message("state", "1000", "10", 12.0, {"busy": True}))  # overtaken
+    train.receive(Message("state", "1000", "10", 19.0, {"busy": False, "closed": False}))
+    train.receive(
+        Message("state", "1000", "10", 12.0, {"busy": True, "closed": False})
+    )  # overtaken
     assert not train.must_brake(400.0, 390.0)
     now[0] = 24.5
     assert train.must_brake(400.0, 390.0)
     assert train.brake_reason == "doubt: the newest state is 5.5 s old"
+
+
+def test_messages_from_the_future_or_nowhere_are_refused_with_a_reason() -> None:
+    now = [10.0]
+    bus, _, station = units(now)
+    station.receive(Message("standing", "100", "1000", 9.0, {"standing": True}))
+    station.receive(Message("standing", "100", "1000", 1e6, {"standing": False}))
+    assert station.busy()
+    assert "standing from 100" in station.refused[0]
+    assert "future timestamp" in station.refused[0]
+    train = TrainUnit("10", bus, "5", CAUTIOUS, lambda: now[0])
+    train.receive(Message("state", "1000", "10", 1e6, {"busy": False, "closed": True}))
+    assert train.must_brake(400.0, 390.0)
+    assert train.brake_reason == "doubt: no state"
+    centre = Centre("5", bus, (Area("1000", Position(57.0, 24.0), 100.0),), lambda: now[0])
+    here = {"latitude_deg": 157.0, "longitude_deg": 24.0}
+    centre.receive(Message("position", "10", "5", 9.0, here))
+    assert "latitude_deg is 157.0 °" in centre.refused[0]
+    assert not bus.log
+
+
+def test_a_stale_or_repeated_position_is_refused_by_the_station() -> None:
+    now = [100.0]
+    _, _, station = units(now)
+    bus_body = {"distance_m": 500.0, "speed_mps": 20.0}
+    TrainUnit("10", station._bus, "5", CAUTIOUS, lambda: now[0])
+    station.receive(Message("register", "10", "1000", 1.0))
+    for sent_s in (99.0, 99.0, 30.0):
+        station.receive(Message("position", "10", "1000", sent_s, bus_body))
+    repeated, stale = station.refused
+    assert "not reported before" in repeated
+    assert "stale report" in stale
+    assert station.predict("10").age_s == 1.0
+
+
+def test_the_train_asks_for_closing_once_near_and_until_it_is_closed() -> None:
+    now = [10.0]
+    bus, _, _ = units(now)
+    train = TrainUnit("10", bus, "5", CAUTIOUS, lambda: now[0])
+    train.receive(Message("area", "5", "10", 9.0, {"code": "1000"}))
+    asked = lambda: [trace.message.kind for trace in bus.log].count("close")  # noqa: E731
+    train.ask_to_close(1200.0, 20.0, 400.0)  # 40 s before the last braking point
+    assert asked() == 0
+    train.ask_to_close(1000.0, 20.0, 400.0)
+    train.receive(Message("state", "1000", "10", 9.5, {"busy": False, "closed": False}))
+    train.ask_to_close(990.0, 20.0, 400.0)
+    assert asked() == 2
+    train.receive(Message("state", "1000", "10", 9.8, {"busy": False, "closed": True}))
+    train.ask_to_close(980.0, 20.0, 400.0)
+    assert asked() == 2
 
 
 def test_without_any_state_the_cautious_train_stops_and_the_published_one_does_not() -> None:
@@ -150,9 +225,9 @@ def test_a_crossing_stays_busy_until_a_newer_report_of_leaving() -> None:
     station.receive(Message("standing", "100", "1000", 8.0, {"standing": True}))
     station.receive(Message("standing", "100", "1000", 5.0, {"standing": False}))  # older
     assert station.busy()
-    now[0] = 30.0
+    now[0] = 300.0  # silence is no report of leaving
     assert station.busy()
-    station.receive(Message("standing", "100", "1000", 29.0, {"standing": False}))
+    station.receive(Message("standing", "100", "1000", 299.0, {"standing": False}))
     assert not station.busy()
     with pytest.raises(DomainError, match="registered train"):
         station.predict("11")
@@ -169,8 +244,12 @@ def test_perfect_radio_stops_before_an_early_stall_and_passes_a_free_crossing() 
     assert {trace.message.kind for trace in traces} == {
         "position", "area", "register", "graph", "state", "standing",
     }  # fmt: skip
-    passed, _ = drive.run(NEVER, PERFECT, CAUTIOUS)
+    passed, traces = drive.run(NEVER, PERFECT, CAUTIOUS)
+    assert "close" in {trace.message.kind for trace in traces}
     assert passed.braked_s is None
+    # the crossing is asked to close 35 s before the last braking point, to the next full second
+    assert passed.closed_s is not None
+    assert 0.0 <= passed.closed_s - (passed.last_point_s - 35.0) <= 1.5
     assert passed.passed_s == pytest.approx(100.0, abs=0.3)
 
 
@@ -201,6 +280,8 @@ def test_causes_name_the_link_that_failed() -> None:
     assert "15.0 s after the station knew, 5.0 s after" in cause_of(
         replace(heard, train_knew_s=65.0), True
     )
+    # the train knew in time and collided all the same: nothing explains that
+    assert cause_of(replace(heard, train_knew_s=55.0), True) == ""
 
 
 def test_every_avoidable_collision_is_reported() -> None:
@@ -225,7 +306,10 @@ SITUATION = ["80", "40", "0", "0", "1000", "500", "20", "50"]
 
 def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     memory = str(tmp_path / "immune.db")
-    assert cli.main(["crossing", "train", memory, "--json"]) == 0
+    drawing = tmp_path / "space.png"
+    train = ["crossing", "train", memory, "--json", "--drawing", str(drawing)]
+    assert cli.main(train) == 0
+    assert drawing.stat().st_size > 10_000
     assert json.loads(capsys.readouterr().out)["coverage"]["low"] > 0.95
     assert cli.main(["crossing", "assess", *SITUATION, "--memory", memory, "--json"]) == 1
     judged = json.loads(capsys.readouterr().out)

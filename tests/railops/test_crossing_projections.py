@@ -3,9 +3,11 @@
 from pathlib import Path
 
 import cv2
+import pytest
 
 from railops.crossing import projections, vdetector
 from railops.crossing.published import ANTIGENS, SELF
+from railops.errors import FileError
 
 
 def test_both_published_pairs_are_drawn(tmp_path: Path) -> None:
@@ -15,3 +17,5 @@ def test_both_published_pairs_are_drawn(tmp_path: Path) -> None:
     assert picture is not None
     assert picture.shape[1] > 1.5 * picture.shape[0]
     assert (picture.min(axis=2) < 200).any()
+    with pytest.raises(FileError, match=r"cannot draw into .*space\.text"):
+        projections.draw(tmp_path / "space.text", few, SELF, ANTIGENS)
