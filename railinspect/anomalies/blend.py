@@ -48,7 +48,11 @@ class Blended:
 
 
 def blend(
-    rgb: Image, colour: Floats, matte: Floats, at_xy: tuple[int, int], alpha: float,
+    rgb: Image,
+    colour: Floats,
+    matte: Floats,
+    at_xy: tuple[int, int],
+    alpha: float,
     padding_px: int | None = None,
 ) -> Blended:
     """Blend an object into a picture, in place.

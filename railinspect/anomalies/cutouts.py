@@ -1,4 +1,4 @@
-"""Cut-outs: pictures of things with a matte, a metric height and a class, built in or the user's."""
+"""Cut-outs: pictures of things with a matte, a metric height and a class; reading the user's."""
 
 from __future__ import annotations
 
@@ -140,9 +140,7 @@ def _read_one(path: Path, row: dict[str, str]) -> Cutout:
         )
     kind = row.get("type", "")
     if kind not in ("", "obstruction", "trespasser"):
-        raise BadInputError(
-            f"cut-out {path} has type {kind!r}; expected obstruction or trespasser"
-        )
+        raise BadInputError(f"cut-out {path} has type {kind!r}; expected obstruction or trespasser")
     if not kind:
         human = named == CLASSES[HUMAN] or (not named and words & set(_PEOPLE))
         kind = "trespasser" if human else "obstruction"
@@ -179,7 +177,7 @@ def _read_rgba(path: Path) -> Image:
             f"cut-out {path} has no alpha channel; save it as a PNG with transparency"
         )
     if image.dtype == np.uint16:
-        image = (image >> 8).astype(np.uint8)
+        image = np.right_shift(np.asarray(image, np.uint16), 8).astype(np.uint8)
     if image.dtype != np.uint8:
         raise BadInputError(f"cut-out {path} stores {image.dtype}; save it with 8 bits per channel")
     return cast(Image, cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA))
@@ -197,7 +195,8 @@ def _read_table(path: Path) -> dict[str, dict[str, str]]:
     for number, row in enumerate(rows, 2):
         name = (row.get("file") or "").strip()
         if not name:
-            raise BadInputError(f"{path}, line {number}, names no file; its columns are file, "
-                                "height_m, type, class")
+            raise BadInputError(
+                f"{path}, line {number}, names no file; its columns are file, height_m, type, class"
+            )
         table[name] = {k: (v or "").strip() for k, v in row.items() if isinstance(k, str)}
     return table

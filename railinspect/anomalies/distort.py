@@ -89,6 +89,38 @@ def displacement_m(distortion: Distortion, rows_px: Array, along_m: Array) -> Ar
 
 
 @dataclass(frozen=True)
+class Moved:
+    """Where points of a picture went when its rails were bent.
+
+    Attributes:
+        v: Rows, top to bottom, shape (N,).
+        shift_px: How far the track moved to the right in each, pixels, shape (N,).
+        left_px: Left and
+        right_px: right rail before, columns, shape (N,).
+        metre_px: Pixels per metre, shape (N,).
+    """
+
+    v: Array
+    shift_px: Array
+    left_px: Array
+    right_px: Array
+    metre_px: Array
+
+    def __call__(self, points_uv: Array) -> Array:
+        """Points (u, v) after the distortion, shape (N, 2); those beyond it stay."""
+        u, v = points_uv[:, 0], points_uv[:, 1]
+        inside = (v >= self.v[0]) & (v <= self.v[-1])
+        shift, left, right, scale = (
+            np.interp(v, self.v, column)
+            for column in (self.shift_px, self.left_px, self.right_px, self.metre_px)
+        )
+        beyond = np.maximum(left - u, u - right) - (SHOULDER_M * scale + 2.0)
+        part = np.clip(beyond / (FADE_M * scale + 2.0), 0.0, 1.0)
+        weight = (1.0 - part * part * (3.0 - 2.0 * part)) * inside
+        return np.stack([u + weight * shift, v], axis=-1)
+
+
+@dataclass(frozen=True)
 class _Rows:
     """The track in whole rows of the picture, top to bottom."""
 
@@ -113,7 +145,7 @@ def _rows(track: EgoTrack, near_m: float, far_m: float, height: int) -> _Rows:
 
 def distort(
     rgb: Image, labels: Image, track: EgoTrack, distortion: Distortion
-) -> tuple[Array, dict[str, Any]]:
+) -> tuple[Array, dict[str, Any], Moved | None]:
     """Distort the rails of a picture and of its mask, both changed in place.
 
     Args:
@@ -123,16 +155,19 @@ def distort(
         distortion: What to do.
 
     Returns:
-        The outline of what was distorted, pixels, shape (K, 2), and the settings for the manifest.
+        The outline of what was distorted, pixels, shape (K, 2), the settings for the manifest, and
+        how points moved with it (None where the track did not move as a whole).
     """
     height, width = labels.shape
     rows = _rows(track, distortion.near_m, distortion.far_m, height)
     if distortion.kind in ("ripple", "buckle"):
-        shift = -displacement_m(distortion, rows.v, rows.along_m) * rows.metre_px
+        shift = -displacement_m(distortion, rows.v.astype(float), rows.along_m) * rows.metre_px
         _move(rgb, labels, rows, shift)
         outline = _outline(rows, np.minimum(shift, 0), np.maximum(shift, 0), width, height)
         peak = float(np.abs(shift).max(initial=0.0))
+        moved = Moved(rows.v.astype(float), shift, rows.left_px, rows.right_px, rows.metre_px)
     else:
+        moved = None
         peak = 0.0
         ends = np.zeros(len(rows.v))
         if distortion.kind == "break":
@@ -145,20 +180,22 @@ def distort(
         else:
             hole = np.ones(len(rows.v), bool)
         for rail, side, hit in (
-            (rows.left_px, 1.0, distortion.rails[0]), (rows.right_px, -1.0, distortion.rails[1])
+            (rows.left_px, 1.0, distortion.rails[0]),
+            (rows.right_px, -1.0, distortion.rails[1]),
         ):
             if hit:
                 if distortion.kind == "break":
                     _move_rail(rgb, labels, rows, rail, ends)
                 _remove_rail(rgb, labels, rows, rail, side, hole)
         outline = _outline(rows, np.minimum(ends, 0), np.maximum(ends, 0), width, height)
-    return outline, {
+    notes = {
         "length_m": round(distortion.length_m, 3),
         "amplitude_m": round(distortion.amplitude_m, 4),
         "amplitude_px": round(peak, 2),
         "waves": round(distortion.waves, 3) if distortion.kind == "ripple" else None,
         "rails": [n for n, on in zip(("left", "right"), distortion.rails, strict=True) if on],
     }
+    return outline, notes, moved
 
 
 def _move(rgb: Image, labels: Image, rows: _Rows, shift: Array) -> None:
@@ -177,7 +214,7 @@ def _move(rgb: Image, labels: Image, rows: _Rows, shift: Array) -> None:
     weight = beyond * beyond * (3.0 - 2.0 * beyond)
     weight -= 1.0
     weight *= shift.astype(np.float32)[:, None]
-    _remap(rgb, labels, rows.v, low, high, weight)
+    _remap(rgb, labels, rows.v, low, high, np.asarray(weight, np.float32))
 
 
 def _move_rail(rgb: Image, labels: Image, rows: _Rows, rail_px: Array, shift: Array) -> None:
@@ -189,11 +226,15 @@ def _move_rail(rgb: Image, labels: Image, rows: _Rows, rail_px: Array, shift: Ar
     away = np.abs(u - (rail_px + shift).astype(np.float32)[:, None])
     away /= half.astype(np.float32)[:, None]
     weight = np.clip(2.0 - away, 0.0, 1.0) * -shift.astype(np.float32)[:, None]
-    _remap(rgb, labels, rows.v, low, high, weight)
+    _remap(rgb, labels, rows.v, low, high, np.asarray(weight, np.float32))
 
 
 def _remap(
-    rgb: Image, labels: Image, v: npt.NDArray[np.int64], low: int, high: int,
+    rgb: Image,
+    labels: Image,
+    v: npt.NDArray[np.int64],
+    low: int,
+    high: int,
     offset: npt.NDArray[np.float32],
 ) -> None:
     if high - low < 2 or len(v) < 2:
@@ -202,9 +243,7 @@ def _remap(
     u = np.arange(low, high, dtype=np.float32)
     map_u = offset
     map_u += (u - np.float32(low))[None]
-    map_v = np.broadcast_to(
-        np.arange(last - first, dtype=np.float32)[:, None], map_u.shape
-    ).copy()
+    map_v = np.broadcast_to(np.arange(last - first, dtype=np.float32)[:, None], map_u.shape).copy()
     for plane, how in ((rgb, cv2.INTER_CUBIC), (labels, cv2.INTER_NEAREST)):
         part = plane[first:last, low:high]
         part[...] = cv2.remap(part, map_u, map_v, how, borderMode=cv2.BORDER_REPLICATE)

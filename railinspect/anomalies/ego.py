@@ -334,7 +334,7 @@ def _upright(rail_uv: Array, camera: Camera) -> Array:
     ideal = _rolled(camera.undistort(ordered), camera, -camera.roll_rad)
     ideal = ideal[np.argsort(-ideal[:, 1], kind="stable")]
     keep = np.concatenate([[True], np.diff(ideal[:, 1]) < -1e-9])
-    return ideal[keep]
+    return cast(Array, ideal[keep])
 
 
 def _as_seen(pixels_uv: Array, camera: Camera) -> Array:

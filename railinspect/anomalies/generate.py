@@ -17,6 +17,7 @@ from railinspect.anomalies.distort import (
     DISTORTION_KINDS,
     Distortion,
     DistortionKind,
+    Moved,
     distort,
 )
 from railinspect.anomalies.ego import EgoTrack, NoTrackError, check_mask, track_of_mask
@@ -105,6 +106,7 @@ class Generated:
     height_m: float
     label: int | None
     blend: Mapping[str, Any] = field(default_factory=dict)
+    moved: Moved | None = None
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ def generate(
     settings = settings or GeneratorSettings()
     if rgb.ndim != 3 or rgb.shape[2:] != (3,) or rgb.dtype != np.uint8 or rgb.size == 0:
         raise BadInputError(
-            f"the picture must be uint8 RGB of shape (H, W, 3), not {rgb.dtype} of shape {rgb.shape}"
+            f"the picture must be uint8 RGB (H, W, 3), not {rgb.dtype} of shape {rgb.shape}"
         )
     if rgb.shape[:2] != labels.shape:
         raise BadInputError(
@@ -173,8 +175,13 @@ def generate(
 
 
 def _distorted(
-    rgb: Image, labels: Image, track: EgoTrack, rng: np.random.Generator,
-    settings: GeneratorSettings, near: float, far: float,
+    rgb: Image,
+    labels: Image,
+    track: EgoTrack,
+    rng: np.random.Generator,
+    settings: GeneratorSettings,
+    near: float,
+    far: float,
 ) -> Generated:
     kind = settings.distortions[int(rng.integers(len(settings.distortions)))]
     low, high = settings.amplitude_m
@@ -203,7 +210,7 @@ def _distorted(
             break
     else:
         raise NoTrackError("nowhere on the track are its rails in full view; use another picture")
-    polygon, notes = distort(rgb, labels, track, plan)
+    polygon, notes, moved = distort(rgb, labels, track, plan)
     missing = {"break": length / 3, "gap": length}.get(kind)
     return Generated(
         rgb,
@@ -217,12 +224,19 @@ def _distorted(
         abs(size) if missing is None else missing,
         None,
         notes,
+        moved,
     )
 
 
 def _with_object(
-    rgb: Image, labels: Image, kind: Literal["obstruction", "trespasser"], track: EgoTrack,
-    rng: np.random.Generator, settings: GeneratorSettings, near: float, far: float,
+    rgb: Image,
+    labels: Image,
+    kind: Literal["obstruction", "trespasser"],
+    track: EgoTrack,
+    rng: np.random.Generator,
+    settings: GeneratorSettings,
+    near: float,
+    far: float,
 ) -> Generated:
     own = [cutout for cutout in settings.cutouts if cutout.type == kind]
     if settings.cutouts and not own:
@@ -268,8 +282,14 @@ def _with_object(
 
 
 def place(
-    rgb: Image, labels: Image, track: EgoTrack, cutout: Cutout, along_m: float, lateral_m: float,
-    alpha: float, settings: GeneratorSettings | None = None,
+    rgb: Image,
+    labels: Image,
+    track: EgoTrack,
+    cutout: Cutout,
+    along_m: float,
+    lateral_m: float,
+    alpha: float,
+    settings: GeneratorSettings | None = None,
 ) -> Placed:
     """Stand a cut-out on the ground of a track and blend it in, both pictures changed in place.
 
@@ -284,7 +304,9 @@ def place(
         settings: Padding and shadow.
     """
     settings = settings or GeneratorSettings()
-    foot, head = track.pixels(along_m, lateral_m, [track.ground_m, track.ground_m + cutout.height_m])
+    foot, head = track.pixels(
+        along_m, lateral_m, [track.ground_m, track.ground_m + cutout.height_m]
+    )
     if not (np.isfinite(foot).all() and np.isfinite(head).all()):
         raise NoTrackError(f"a place {along_m:.1f} m ahead is not in the picture")
     colour, matte, at_xy = stand(cutout, foot, head)
@@ -297,7 +319,9 @@ def place(
     solid = matte[max(0, v0 - top) : max(0, v1 - top), max(0, u0 - left) : max(0, u1 - left)]
     solid_px = solid >= _OPAQUE
     if not solid_px.any():
-        raise NoTrackError(f"{cutout.name} {along_m:.1f} m ahead is too small or out of the picture")
+        raise NoTrackError(
+            f"{cutout.name} {along_m:.1f} m ahead is too small or out of the picture"
+        )
     labels[v0:v1, u0:u1][solid_px] = cutout.label
     contours, _ = cv2.findContours(
         solid_px.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
@@ -306,7 +330,7 @@ def place(
     outline = cv2.convexHull(points) if len(contours) > 1 else contours[0]
     if len(outline) > 60:
         outline = cv2.approxPolyDP(outline, 1.0, True)
-    polygon = outline.reshape(-1, 2).astype(float) + [u0, v0]
+    polygon = outline.reshape(-1, 2).astype(float) + np.array([u0, v0])
     if len(polygon) < 3:
         u, v = np.nonzero(solid_px.T)
         low, high = (u.min() + u0, v.min() + v0), (u.max() + u0 + 1, v.max() + v0 + 1)
@@ -335,7 +359,8 @@ def stand(
     # an area average first, so that the last step only shifts and turns
     shrink = min(1.0, 1.25 * size_px / tall)
     grid = (
-        max(1, round(cutout.rgba.shape[1] * shrink)), max(1, round(cutout.rgba.shape[0] * shrink))
+        max(1, round(cutout.rgba.shape[1] * shrink)),
+        max(1, round(cutout.rgba.shape[0] * shrink)),
     )
     small = cv2.resize(source, grid, interpolation=cv2.INTER_AREA)
     share_u, share_v = grid[0] / cutout.rgba.shape[1], grid[1] / cutout.rgba.shape[0]
@@ -354,17 +379,21 @@ def stand(
     start = turn @ (0.5 - foot_s) + foot_uv - low
     warp = np.column_stack([turn, start])
     box = (int(high[0] - low[0]), int(high[1] - low[1]))
-    stood = cast(
-        npt.NDArray[np.float32], cv2.warpAffine(small, warp, box, flags=cv2.INTER_LINEAR)
-    )
+    stood = cast(npt.NDArray[np.float32], cv2.warpAffine(small, warp, box, flags=cv2.INTER_LINEAR))
     # the lens's own softness
     stood = np.asarray(cv2.GaussianBlur(stood, (3, 3), 0.45), np.float32)
     return stood[..., :3], stood[..., 3], (int(low[0]), int(low[1]))
 
 
 def _contact_shadow(
-    rgb: Image, matte: npt.NDArray[np.float32], at_xy: tuple[int, int], foot: Array, head: Array,
-    height_m: float, track: EgoTrack, darkness: float,
+    rgb: Image,
+    matte: npt.NDArray[np.float32],
+    at_xy: tuple[int, int],
+    foot: Array,
+    head: Array,
+    height_m: float,
+    track: EgoTrack,
+    darkness: float,
 ) -> None:
     """Darken the ground about what touches it."""
     if darkness <= 0:
@@ -406,7 +435,7 @@ def _is_free(
     left = lateral_m + np.linspace(-half_m, half_m, 5)
     uv = track.pixels(along, left, track.ground_m).reshape(-1, 2)
     height, width = labels.shape
-    inside = np.isfinite(uv).all(axis=1)
+    inside = np.asarray(np.isfinite(uv).all(axis=1))
     inside[inside] &= ((uv[inside] >= 0) & (uv[inside] <= [width - 1, height - 1])).all(axis=1)
     if not inside.all():
         return False

@@ -30,7 +30,9 @@ def person(rng: Rng) -> tuple[Sculpture, str, int]:
     """A worker, a passer-by or a child: standing, walking, running, working, crouching."""
     s = Sculpture()
     tall = float(np.clip(rng.normal(1.73, 0.09), 1.5, 1.97))
-    pose = str(rng.choice(["stand", "walk", "run", "work", "crouch"], p=[0.3, 0.35, 0.1, 0.15, 0.1]))
+    pose = str(
+        rng.choice(["stand", "walk", "run", "work", "crouch"], p=[0.3, 0.35, 0.1, 0.15, 0.1])
+    )
     yaw = float(rng.uniform(-math.pi, math.pi))
     worker = rng.random() < 0.4 or pose == "work"
     skin = Surface(_pick(rng, [(226, 184, 156), (190, 142, 112), (120, 84, 64)]), 0.04)
@@ -50,7 +52,9 @@ def person(rng: Rng) -> tuple[Sculpture, str, int]:
     shoe = Surface(_pick(rng, [(30, 26, 24), (62, 44, 30), (150, 148, 146)]), 0.05)
     lean = {"stand": 0.02, "walk": 0.06, "run": 0.22, "work": 0.75, "crouch": 0.45}[pose]
     hip_y = tall * {"crouch": 0.30, "work": 0.46, "run": 0.49}.get(pose, 0.51)
-    stride = {"stand": 0.04, "walk": 0.30, "run": 0.5, "work": 0.22, "crouch": 0.16}[pose] * tall / 1.75
+    stride = (
+        {"stand": 0.04, "walk": 0.30, "run": 0.5, "work": 0.22, "crouch": 0.16}[pose] * tall / 1.75
+    )
     phase = float(rng.uniform(0.55, 1.0))
     cos, sin = math.cos(yaw), math.sin(yaw)
 
@@ -69,7 +73,9 @@ def person(rng: Rng) -> tuple[Sculpture, str, int]:
         hip = at(side * 0.052 * tall, hip_y, 0.0)
         foot = at(side * 0.06 * tall, 0.055 + lifted, swing - (0.10 if lifted > 0.1 else 0))
         bend = {"crouch": 0.36, "run": 0.22, "work": 0.10, "walk": 0.05}.get(pose, 0.015)
-        knee = at(side * 0.065 * tall, hip_y * (0.53 if pose != "crouch" else 0.85), swing * 0.5 + bend)
+        knee = at(
+            side * 0.065 * tall, hip_y * (0.53 if pose != "crouch" else 0.85), swing * 0.5 + bend
+        )
         s.cone(hip, knee, 0.050 * tall, 0.034 * tall, trousers, 0.03)
         s.cone(knee, foot, 0.034 * tall, 0.026 * tall, trousers, 0.02)
         toe = at(side * 0.07 * tall, 0.032 + lifted, swing + 0.13 - (0.10 if lifted > 0.1 else 0))
@@ -111,17 +117,30 @@ def person(rng: Rng) -> tuple[Sculpture, str, int]:
     s.cone(neck, (head[0], head[1] - 0.05, head[2]), 0.036 * tall, 0.034 * tall, skin, 0.02)
     s.ellipsoid(head, (0.046 * tall, 0.066 * tall, 0.054 * tall), skin, 0.02, yaw)
     if worker:
-        hat = Surface(_pick(rng, [(240, 240, 236), (250, 214, 40), (40, 90, 190), (225, 60, 40)]), 0.02)
+        hat = Surface(
+            _pick(rng, [(240, 240, 236), (250, 214, 40), (40, 90, 190), (225, 60, 40)]), 0.02
+        )
         s.ellipsoid(
             (head[0], head[1] + 0.035 * tall, head[2]),
-            (0.058 * tall, 0.048 * tall, 0.064 * tall), hat, 0.0, yaw,
+            (0.058 * tall, 0.048 * tall, 0.064 * tall),
+            hat,
+            0.0,
+            yaw,
         )
     elif rng.random() < 0.3:
-        s.ellipsoid((head[0], head[1] + 0.01, head[2]), (0.056 * tall, 0.07 * tall, 0.06 * tall), coat, 0.02, yaw)
+        s.ellipsoid(
+            (head[0], head[1] + 0.01, head[2]),
+            (0.056 * tall, 0.07 * tall, 0.06 * tall),
+            coat,
+            0.02,
+            yaw,
+        )
         face = at(0, head_y - 0.005, chest_ahead * 1.15 + 0.06)
         s.ellipsoid(face, (0.036 * tall, 0.052 * tall, 0.045 * tall), skin, 0.0, yaw)
     else:
-        hair = Surface(_pick(rng, [(38, 30, 26), (84, 60, 40), (150, 120, 76), (128, 126, 124)]), 0.2)
+        hair = Surface(
+            _pick(rng, [(38, 30, 26), (84, 60, 40), (150, 120, 76), (128, 126, 124)]), 0.2
+        )
         back = at(0, head_y + 0.022 * tall, chest_ahead * 1.15 + 0.005)
         s.ellipsoid(back, (0.050 * tall, 0.056 * tall, 0.056 * tall), hair, 0.0, yaw)
     if not worker and rng.random() < 0.35:
@@ -177,7 +196,7 @@ def log(rng: Rng) -> tuple[Sculpture, str, int]:
     out = np.array(a) - np.array(b)
     out = out / np.linalg.norm(out)
     end = np.array(a) + out * radius * 0.85
-    s.cylinder(a, tuple(end + out * 0.02), radius * 0.93, wood)  # type: ignore[arg-type]  # three
+    s.cylinder(a, tuple(end + out * 0.02), radius * 0.93, wood)
     for _ in range(int(rng.integers(2, 8))):
         part = float(rng.uniform(0.15, 0.98))
         root = tuple(float(p + part * (q - p)) for p, q in zip(a, b, strict=True))
@@ -190,7 +209,9 @@ def log(rng: Rng) -> tuple[Sculpture, str, int]:
         )
         s.cone(root, tip, 0.05, 0.018, bark)  # type: ignore[arg-type]  # three of them
         if rng.random() < 0.2:
-            green = Surface(_pick(rng, [(74, 92, 44), (96, 104, 52), (120, 96, 50)]), 0.5, 0.09, 7.0)
+            green = Surface(
+                _pick(rng, [(74, 92, 44), (96, 104, 52), (120, 96, 50)]), 0.5, 0.09, 7.0
+            )
             s.ellipsoid(tip, (0.22, 0.16, 0.22), green, 0.05)
     return s, "log", CONSTRUCTION
 
@@ -202,7 +223,12 @@ def box(rng: Rng) -> tuple[Sculpture, str, int]:
     yaw = float(rng.uniform(-0.6, 0.6))
     if kind == "crate":
         high, wide = float(rng.uniform(0.45, 1.2)), float(rng.uniform(0.6, 1.3))
-        wood = Surface(_pick(rng, [(176, 140, 94), (150, 122, 90), (128, 124, 116)]), 0.18, board_m=0.13, stretch=4.0)
+        wood = Surface(
+            _pick(rng, [(176, 140, 94), (150, 122, 90), (128, 124, 116)]),
+            0.18,
+            board_m=0.13,
+            stretch=4.0,
+        )
         s.box((0, high / 2, 0), (wide / 2, high / 2, wide * 0.4), 0.015, wood, 0, yaw)
     elif kind == "barrel":
         colour = _pick(rng, [(40, 84, 150), (170, 60, 44), (74, 92, 74), (196, 180, 60)])
@@ -224,16 +250,29 @@ def box(rng: Rng) -> tuple[Sculpture, str, int]:
             s.cone((x, 0.0, -0.25), (x, 0.95, 0.0), 0.022, 0.022, post, 0)
             s.cone((x, 0.0, 0.25), (x, 0.95, 0.0), 0.022, 0.022, post, 0)
     elif kind == "sacks":
-        cloth = Surface(_pick(rng, [(186, 174, 150), (222, 220, 212), (40, 42, 46)]), 0.14, 0.02, 7.0)
+        cloth = Surface(
+            _pick(rng, [(186, 174, 150), (222, 220, 212), (40, 42, 46)]), 0.14, 0.02, 7.0
+        )
         for k in range(int(rng.integers(2, 6))):
             x, y = float(rng.uniform(-0.6, 0.6)), 0.16 + 0.27 * (k // 3)
-            s.box((x, y, float(rng.uniform(-0.2, 0.2))), (0.42, 0.17, 0.28), 0.15, cloth, 0.02, float(rng.uniform(-0.5, 0.5)))
+            s.box(
+                (x, y, float(rng.uniform(-0.2, 0.2))),
+                (0.42, 0.17, 0.28),
+                0.15,
+                cloth,
+                0.02,
+                float(rng.uniform(-0.5, 0.5)),
+            )
     else:
         beam = Surface(_pick(rng, [(96, 82, 68), (160, 154, 144)]), 0.25, 0.006, 9.0, stretch=4.0)
         for k in range(int(rng.integers(4, 9))):
             s.box(
                 (float(rng.uniform(-0.2, 0.2)), 0.09 + 0.17 * (k // 2), 0.3 * (k % 2)),
-                (1.25, 0.08, 0.13), 0.02, beam, 0, float(rng.uniform(-0.25, 0.25)),
+                (1.25, 0.08, 0.13),
+                0.02,
+                beam,
+                0,
+                float(rng.uniform(-0.25, 0.25)),
             )
     return s, kind, CONSTRUCTION
 
@@ -243,16 +282,20 @@ def animal(rng: Rng) -> tuple[Sculpture, str, int]:
     s = Sculpture()
     kind = str(rng.choice(["deer", "cow", "sheep", "boar", "dog"]))
     high, long, thick, leg = {
-        "deer": (0.92, 0.62, 0.19, 0.60), "cow": (1.30, 0.95, 0.36, 0.56),
-        "sheep": (0.68, 0.46, 0.24, 0.45), "boar": (0.78, 0.60, 0.24, 0.45),
+        "deer": (0.92, 0.62, 0.19, 0.60),
+        "cow": (1.30, 0.95, 0.36, 0.56),
+        "sheep": (0.68, 0.46, 0.24, 0.45),
+        "boar": (0.78, 0.60, 0.24, 0.45),
         "dog": (0.56, 0.38, 0.12, 0.55),
     }[kind]
     high *= float(rng.uniform(0.9, 1.15))
     scale = high / {"deer": 0.92, "cow": 1.3, "sheep": 0.68, "boar": 0.78, "dog": 0.56}[kind]
     long, thick = long * scale, thick * scale
     colours: dict[str, list[Triple]] = {
-        "deer": [(140, 98, 62), (116, 84, 58)], "cow": [(70, 50, 40), (210, 206, 198), (150, 96, 60)],
-        "sheep": [(214, 206, 188), (196, 186, 168)], "boar": [(64, 56, 50), (82, 70, 58)],
+        "deer": [(140, 98, 62), (116, 84, 58)],
+        "cow": [(70, 50, 40), (210, 206, 198), (150, 96, 60)],
+        "sheep": [(214, 206, 188), (196, 186, 168)],
+        "boar": [(64, 56, 50), (82, 70, 58)],
         "dog": [(60, 50, 44), (176, 138, 92), (216, 210, 200)],
     }
     wool = (0.03, 12.0) if kind == "sheep" else (0.008, 8.0)
@@ -265,15 +308,21 @@ def animal(rng: Rng) -> tuple[Sculpture, str, int]:
         return (ahead * cos + side * sin, up, -ahead * sin + side * cos)
 
     back = high - 0.8 * thick
-    s.cone(at(-0.72 * long, back, 0), at(0.55 * long, back + 0.02, 0), thick * 0.92, thick, coat, 0.06)
+    s.cone(
+        at(-0.72 * long, back, 0), at(0.55 * long, back + 0.02, 0), thick * 0.92, thick, coat, 0.06
+    )
     for ahead in (-0.75, 0.62):
         for side in (-1.0, 1.0):
             step = float(rng.uniform(-0.12, 0.12)) * long
             top = at(ahead * long, back - 0.25 * thick, side * 0.55 * thick)
-            knee = at(ahead * long + 0.4 * step + (-0.05 if ahead < 0 else 0.02), leg * high * 0.55, side * 0.5 * thick)
+            knee = at(
+                ahead * long + 0.4 * step + (-0.05 if ahead < 0 else 0.02),
+                leg * high * 0.55,
+                side * 0.5 * thick,
+            )
             hoof = at(ahead * long + step, 0.02, side * 0.5 * thick)
             s.cone(top, knee, 0.36 * thick, 0.17 * thick, coat, 0.05)
-            s.cone(knee, hoof, 0.16 * thick, 0.13 * thick, dark if kind != "sheep" else dark, 0.02)
+            s.cone(knee, hoof, 0.16 * thick, 0.13 * thick, dark, 0.02)
     graze = rng.random() < 0.3
     lift = {"deer": 0.50, "cow": 0.12, "sheep": 0.16, "boar": -0.10, "dog": 0.22}[kind] * high
     reach = {"deer": 0.22, "cow": 0.42, "sheep": 0.28, "boar": 0.3, "dog": 0.2}[kind] * high
@@ -283,7 +332,14 @@ def animal(rng: Rng) -> tuple[Sculpture, str, int]:
     skull = at(skull_a, skull_u, 0)
     s.cone(throat, skull, 0.62 * thick, 0.36 * thick, coat, 0.06)
     muzzle = at(skull_a + 0.20 * scale, skull_u - 0.10 * scale, 0)
-    s.cone(skull, muzzle, 0.36 * thick + 0.02, 0.20 * thick + 0.01, dark if kind == "sheep" else coat, 0.03)
+    s.cone(
+        skull,
+        muzzle,
+        0.36 * thick + 0.02,
+        0.20 * thick + 0.01,
+        dark if kind == "sheep" else coat,
+        0.03,
+    )
     for side in (-1.0, 1.0):
         ear = at(skull_a - 0.08 * scale, skull_u + 0.13 * scale, side * 0.13 * scale)
         s.cone(skull, ear, 0.035 * scale, 0.02 * scale, coat, 0.01)
@@ -293,7 +349,14 @@ def animal(rng: Rng) -> tuple[Sculpture, str, int]:
             s.cone(skull, horn, 0.02, 0.012, bone, 0.0)
             s.cone(horn, at(skull_a + 0.12, skull_u + 0.48, side * 0.2), 0.014, 0.008, bone, 0.0)
     tail = at(-0.72 * long - 0.12 * scale, back - 0.1, 0)
-    s.cone(at(-0.72 * long - 0.6 * thick, back + 0.3 * thick, 0), tail, 0.05 * scale, 0.025 * scale, coat, 0.02)
+    s.cone(
+        at(-0.72 * long - 0.6 * thick, back + 0.3 * thick, 0),
+        tail,
+        0.05 * scale,
+        0.025 * scale,
+        coat,
+        0.02,
+    )
     return s, kind, CONSTRUCTION
 
 
@@ -302,7 +365,15 @@ def vehicle(rng: Rng) -> tuple[Sculpture, str, int]:
     s = Sculpture()
     van = rng.random() < 0.3
     paint_colour = _pick(
-        rng, [(206, 208, 210), (46, 48, 52), (150, 34, 30), (44, 72, 130), (120, 124, 128), (232, 232, 230)]
+        rng,
+        [
+            (206, 208, 210),
+            (46, 48, 52),
+            (150, 34, 30),
+            (44, 72, 130),
+            (120, 124, 128),
+            (232, 232, 230),
+        ],
     )
     paint = Surface(paint_colour, 0.03)
     glass = Surface((44, 54, 64), 0.05)
@@ -315,7 +386,14 @@ def vehicle(rng: Rng) -> tuple[Sculpture, str, int]:
         return (ahead * cos + side * sin, up, -ahead * sin + side * cos)
 
     long, wide = (2.6, 0.98) if van else (2.15, 0.88)
-    s.box(at(0, 0.60 if not van else 0.72, 0), (long, 0.30 if not van else 0.40, wide), 0.16, paint, 0.08, yaw)
+    s.box(
+        at(0, 0.60 if not van else 0.72, 0),
+        (long, 0.30 if not van else 0.40, wide),
+        0.16,
+        paint,
+        0.08,
+        yaw,
+    )
     if van:
         s.box(at(-0.35, 1.42, 0), (long - 0.45, 0.62, wide - 0.05), 0.22, paint, 0.10, yaw)
         s.box(at(long - 1.22, 1.52, 0), (0.36, 0.26, wide - 0.035), 0.08, glass, 0.0, yaw)
@@ -334,7 +412,9 @@ def vehicle(rng: Rng) -> tuple[Sculpture, str, int]:
             s.cylinder(inner, hub, 0.20, rim)
     for side in (-1.0, 1.0):
         s.ellipsoid(at(long - 0.04, 0.70, side * (wide - 0.22)), (0.10, 0.09, 0.20), lamp, 0.0, yaw)
-        s.ellipsoid(at(-long + 0.04, 0.74, side * (wide - 0.20)), (0.08, 0.10, 0.16), tail, 0.0, yaw)
+        s.ellipsoid(
+            at(-long + 0.04, 0.74, side * (wide - 0.20)), (0.08, 0.10, 0.16), tail, 0.0, yaw
+        )
     return s, "van" if van else "car", TRUCK if van else CAR
 
 

@@ -65,12 +65,32 @@ class Sculpture:
     rows: list[list[float]] = field(default_factory=list)
 
     def _add(
-        self, kind: int, a: Triple, b: Triple, radii: tuple[float, float], turn: Array,
-        melt: float, look: Surface,
+        self,
+        kind: int,
+        a: Triple,
+        b: Triple,
+        radii: tuple[float, float],
+        turn: Array,
+        melt: float,
+        look: Surface,
     ) -> None:
         self.rows.append(
-            [kind, *a, *b, *radii, *turn.ravel(), melt, *look.colour, look.grain, look.bump_m,
-             look.bump_per_m, *look.colour2, *look.band, look.board_m, look.stretch]
+            [
+                kind,
+                *a,
+                *b,
+                *radii,
+                *turn.ravel(),
+                melt,
+                *look.colour,
+                look.grain,
+                look.bump_m,
+                look.bump_per_m,
+                *look.colour2,
+                *look.band,
+                look.board_m,
+                look.stretch,
+            ]
         )
 
     def cone(
@@ -80,15 +100,26 @@ class Sculpture:
         self._add(CONE, a, b, (ra, rb), np.eye(3), melt, look)
 
     def ellipsoid(
-        self, middle: Triple, half: Triple, look: Surface, melt: float = 0.02,
-        yaw: float = 0.0, lean: float = 0.0,
+        self,
+        middle: Triple,
+        half: Triple,
+        look: Surface,
+        melt: float = 0.02,
+        yaw: float = 0.0,
+        lean: float = 0.0,
     ) -> None:
         """An ellipsoid with half-axes ``half``, turned about y by ``yaw``, about z by ``lean``."""
         self._add(ELLIPSOID, middle, half, (0.0, 0.0), _turn(yaw, lean), melt, look)
 
     def box(
-        self, middle: Triple, half: Triple, edge: float, look: Surface, melt: float = 0.0,
-        yaw: float = 0.0, lean: float = 0.0,
+        self,
+        middle: Triple,
+        half: Triple,
+        edge: float,
+        look: Surface,
+        melt: float = 0.0,
+        yaw: float = 0.0,
+        lean: float = 0.0,
     ) -> None:
         """A box with half sizes ``half`` whose edges are rounded by ``edge``."""
         self._add(BOX, middle, half, (edge, 0.0), _turn(yaw, lean), melt, look)
@@ -108,16 +139,16 @@ class Sculpture:
         table = self.table()
         a, b = table[:, _A : _A + 3], table[:, _B : _B + 3]
         solid = (table[:, _KIND] == ELLIPSOID) | (table[:, _KIND] == BOX)
-        reach = np.where(
-            solid, np.linalg.norm(b, axis=1), np.maximum(table[:, _R0], table[:, _R1])
-        )
+        reach = np.where(solid, np.linalg.norm(b, axis=1), np.maximum(table[:, _R0], table[:, _R1]))
         reach += 2 * table[:, _BUMP] + 0.02
         end = np.where(solid[:, None], a, b)
         low = np.minimum(a, end) - reach[:, None]
         high = np.maximum(a, end) + reach[:, None]
         return (
-            float(low[:, 0].min()), float(high[:, 0].max()),
-            max(0.0, float(low[:, 1].min())), float(high[:, 1].max()),
+            float(low[:, 0].min()),
+            float(high[:, 0].max()),
+            max(0.0, float(low[:, 1].min())),
+            float(high[:, 1].max()),
         )
 
 
@@ -125,10 +156,13 @@ def _turn(yaw: float, lean: float) -> Array:
     cy, sy, cl, sl = math.cos(yaw), math.sin(yaw), math.cos(lean), math.sin(lean)
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cl, -sl, 0], [sl, cl, 0], [0, 0, 1]])
-    return (about_y @ about_z).T
+    turned: Array = (about_y @ about_z).T
+    return turned
 
 
-def picture(thing: Sculpture, longest_px: int, sun: Triple = (-0.5, 0.75, 0.5)) -> tuple[Image, float]:
+def picture(
+    thing: Sculpture, longest_px: int, sun: Triple = (-0.5, 0.75, 0.5)
+) -> tuple[Image, float]:
     """Render a thing standing on y = 0.
 
     Args:
@@ -176,7 +210,7 @@ def _body(row, x, y, z):  # type: ignore[no-untyped-def]  # compiled
     """Distance to one body, and where along it the nearest place lies."""
     kind = int(row[_KIND])
     px, py, pz = x - row[_A], y - row[_A + 1], z - row[_A + 2]
-    if kind == CONE or kind == CYLINDER:
+    if kind in (CONE, CYLINDER):
         bx, by, bz = row[_B] - row[_A], row[_B + 1] - row[_A + 1], row[_B + 2] - row[_A + 2]
         square = bx * bx + by * by + bz * bz + 1e-12
         part = (px * bx + py * by + pz * bz) / square
@@ -215,7 +249,8 @@ def _distance(table, x, y, z, fine):  # type: ignore[no-untyped-def]  # compiled
         if fine and bump > 0 and d < 6 * bump:
             f = table[n, _BUMP_PER_M]
             d += bump * (
-                _noise(x * f + 7 * n, y * f, z * f) + 0.45 * _noise(x * 2.7 * f, y * 2.7 * f + 5 * n, z * 2.7 * f)
+                _noise(x * f + 7 * n, y * f, z * f)
+                + 0.45 * _noise(x * 2.7 * f, y * 2.7 * f + 5 * n, z * 2.7 * f)
             )
         melt = table[n, _MELT]
         if melt > 0 and abs(total - d) < melt:
@@ -270,7 +305,7 @@ def _trace(rgba, table, left, top, step, light):  # type: ignore[no-untyped-def]
                 if d < 0.05 * step or z < -_DEPTH_M:
                     break
                 z -= 0.75 * d
-            cover = min(max(0.75 - nearest / step, 0.0), 1.0)
+            cover = 1.0 if nearest < 0.08 * step else max(0.55 - nearest / step, 0.0)
             if cover <= 0.02:
                 continue
             z = nearest_z
@@ -292,8 +327,11 @@ def _trace(rgba, table, left, top, step, light):  # type: ignore[no-untyped-def]
                 far = 0.03
                 for _ in range(14):
                     d = _distance(
-                        table, x + nx * 0.01 + light[0] * far, y + ny * 0.01 + light[1] * far,
-                        z + nz * 0.01 + light[2] * far, True,
+                        table,
+                        x + nx * 0.01 + light[0] * far,
+                        y + ny * 0.01 + light[1] * far,
+                        z + nz * 0.01 + light[2] * far,
+                        True,
                     )
                     sunlit = min(sunlit, 6 * d / far)
                     far += max(d, 0.015)

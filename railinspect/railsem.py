@@ -96,4 +96,4 @@ def _decode(path: Path, flags: int) -> Image:
     broken = path.suffix == ".jpg" and not data.rstrip(b"\0").endswith(b"\xff\xd9")
     if image is None or broken:
         raise BadInputError(f"{path} is damaged or not an image; fetch this file again")
-    return image
+    return np.asarray(image, np.uint8)
