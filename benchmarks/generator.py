@@ -153,7 +153,8 @@ def main() -> None:
         Measure("height against the camera, largest error", float(heights.max()), "%", 3.0)
     )
     rails = rail_errors(pictures)
-    measures.append(Measure("mask of distorted rails, median error", float(np.median(rails)), "px"))
+    middle = float(np.median(rails))
+    measures.append(Measure("mask of distorted rails, median error", middle, "px"))
     publish("generator", measures, options.json)
 
 

@@ -241,7 +241,7 @@ def _with_object(
     own = [cutout for cutout in settings.cutouts if cutout.type == kind]
     if settings.cutouts and not own:
         raise BadInputError(
-            f"none of the {len(settings.cutouts)} cut-outs makes a {kind}; add one, or build "
+            f"none of the {len(settings.cutouts)} cut-outs is for type {kind}; add one, or build "
             "without that type"
         )
     cutout = own[int(rng.integers(len(own)))] if own else draw_cutout(rng, kind)
