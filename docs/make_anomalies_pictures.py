@@ -1,6 +1,6 @@
 """Make the pictures of docs/anomalies.md from the rendered world.
 
-    python docs/make_anomalies_pictures.py
+python docs/make_anomalies_pictures.py
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ TILE_WH = (420, 280)
 
 
 def bases(count: int) -> list[Base]:
+    """Clear pictures with a track in full view."""
     found: list[Base] = []
     for index in range(60):
         try:
@@ -58,6 +59,7 @@ def about(image: np.ndarray, box_xyxy: tuple[float, float, float, float]) -> np.
 
 
 def save(name: str, tiles: list[np.ndarray], columns: int) -> None:
+    """Write tiles as one picture."""
     rows = [np.hstack(tiles[i : i + columns]) for i in range(0, len(tiles), columns)]
     bgr = cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR)
     data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 86])[1]
@@ -104,6 +106,7 @@ def steps(base: Base) -> None:
 
 
 def main() -> None:
+    """Make both pictures."""
     pictures = bases(3)
     gallery(pictures)
     steps(pictures[0])

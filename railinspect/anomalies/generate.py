@@ -64,7 +64,7 @@ class GeneratorSettings:
     distortions: tuple[DistortionKind, ...] = ("ripple", "buckle")
     amplitude_m: tuple[float, float] = (0.12, 0.30)
     least_amplitude_px: float = 2.5
-    shadow: float = 0.55
+    shadow: float = 0.65
     cutouts: tuple[Cutout, ...] = ()
 
     def __post_init__(self) -> None:

@@ -298,7 +298,7 @@ def animal(rng: Rng) -> tuple[Sculpture, str, int]:
         "boar": [(64, 56, 50), (82, 70, 58)],
         "dog": [(60, 50, 44), (176, 138, 92), (216, 210, 200)],
     }
-    wool = (0.03, 12.0) if kind == "sheep" else (0.008, 8.0)
+    wool = (0.014, 11.0) if kind == "sheep" else (0.008, 8.0)
     coat = Surface(_pick(rng, colours[kind]), 0.22, wool[0], wool[1])
     dark = Surface(tuple(0.6 * c for c in coat.colour), 0.15)  # type: ignore[arg-type]  # three
     yaw = float(rng.uniform(-0.7, 0.7)) + (math.pi if rng.random() < 0.5 else 0.0)

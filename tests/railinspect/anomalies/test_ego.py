@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from railinspect.anomalies.ego import (
@@ -22,6 +22,7 @@ def heights_px(track, along_m, height_m=1.8):
     return np.hypot(*(foot - head).T)
 
 
+@settings(max_examples=40)
 @given(
     radius=st.one_of(st.just(np.inf), st.floats(250, 3000), st.floats(-3000, -250)),
     pitch=st.floats(-0.02, 0.12),
@@ -53,6 +54,20 @@ def test_two_rails_give_place_and_scale(radius, pitch, roll, yaw, height, bend, 
         true = camera.distort(camera.project([[x, y, grade * along + up] for up in (0.0, 1.8)]))
         true_px = np.hypot(*(true[1] - true[0]))
         assert heights_px(track, np.array([along]))[0] == pytest.approx(true_px, rel=0.02)
+
+
+@pytest.mark.parametrize("radius", [220.0, -220.0])
+def test_a_track_that_turns_away_is_not_taken_for_a_nearer_one(radius):
+    # at 60 m it has turned by 0.27 rad: its rails lie 3.7 % farther apart in a row
+    camera = a_camera((1280, 720), height_m=3.5, roll_rad=0.03)
+    track = track_of_rails(*rails(camera, radius, reach_m=75.0), camera.size_wh, camera)
+    angle = 60.0 / radius
+    place = [radius * np.sin(angle), radius * (1 - np.cos(angle)), 0.0]
+    true = camera.project([place, [place[0], place[1], 1.8]])
+    row = np.interp(-true[0, 1], -track.rows_px, track.along_m)
+    assert row == pytest.approx(60.0, rel=0.01)
+    size = np.hypot(*(true[1] - true[0]))
+    assert heights_px(track, np.array([row]))[0] == pytest.approx(size, rel=0.01)
 
 
 def test_without_a_camera_the_scale_holds_but_no_range_is_claimed():
