@@ -73,6 +73,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_inspect(commands)
     _add_scenes(commands)
+    _add_anomalies(commands)
     _add_verify(commands)
     return parser
 
@@ -296,6 +297,12 @@ def _add_scenes(commands: Any) -> None:
     from railinspect.scenes_command import add_scenes
 
     add_scenes(commands, _command)
+
+
+def _add_anomalies(commands: Any) -> None:
+    from railinspect.anomalies_command import add_anomalies
+
+    add_anomalies(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

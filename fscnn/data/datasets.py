@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from fscnn.data.railsem import Image, list_pairs, read_pair
 from railinspect import scenes
+from railinspect.railsem import Image, list_pairs, read_pair
 
 Draw = tuple[int, int]
 

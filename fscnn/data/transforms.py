@@ -15,8 +15,8 @@ import albumentations
 import cv2
 import numpy as np
 
-from fscnn.data.railsem import Image
 from railinspect.labels import RAILS, VOID
+from railinspect.railsem import Image
 
 
 class RailCrop(albumentations.DualTransform):

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import torch
 
-from fscnn.data.railsem import Image
 from fscnn.models import decide
 from fscnn.training import checkpoint
 from fscnn.training.metrics import Scores
+from railinspect.railsem import Image
 from railinspect.segmenter import Segmentation, Segmenter, segment_at
 
 Segment = Callable[[Image], Segmentation]

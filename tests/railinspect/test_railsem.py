@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from fscnn.data.railsem import Pair, list_pairs, read_pair
 from railinspect.errors import BadInputError
+from railinspect.railsem import Pair, list_pairs, read_pair
 from tests.fscnn.drawing import write_set
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -96,4 +97,4 @@ def _decode(path: Path, flags: int) -> Image:
     broken = path.suffix == ".jpg" and not data.rstrip(b"\0").endswith(b"\xff\xd9")
     if image is None or broken:
         raise BadInputError(f"{path} is damaged or not an image; fetch this file again")
-    return image
+    return cast(Image, image)
