@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Final
 
 from railinspect.boxes import Box, area, union
@@ -15,6 +16,12 @@ TYPE_WEIGHT: Final[dict[str, float]] = {"distortion": 0.5, "obstruction": 1.0, "
 
 MAX_CLOSING_MPS: Final = 100.0
 """Fastest approach considered when neither the ego speed nor a closing speed is known, m/s."""
+
+REMEMBERED: Final = 24
+"""Number of last ranges kept: enough that their noise leaves a closing speed."""
+
+PREDICTED_FROM: Final = 3
+"""Number of last ranges a prediction is the median of."""
 
 
 @dataclass
@@ -32,7 +39,7 @@ class Candidate:
     votes: dict[str, float] = field(default_factory=dict)
     confidence_sum: float = 0.0
     frames_seen: int = 0
-    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=12))
+    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     first_range: tuple[float, tuple[float, float] | None] | None = None
     closest: tuple[float, tuple[float, float] | None, float] | None = None
     best_quality: float = -1.0
@@ -48,10 +55,16 @@ class Candidate:
         """The type with the most votes."""
         return max(self.votes, key=lambda name: self.votes[name])
 
-    def closing_mps(self, ego_speed_mps: float | None) -> float | None:
-        """Speed at which the place comes nearer, m/s; None if nothing is known about it."""
-        if ego_speed_mps is not None:
-            return ego_speed_mps
+    def closing_mps(self, ego_speed_mps: float | None) -> tuple[float, float] | None:
+        """Speed at which the place comes nearer and its standard deviation, m/s; None if unknown.
+
+        The ego speed where it is known, else the slope of a line through the last ranges.
+        """
+        if not self.ranges:
+            return None
+        share = self.ranges[-1].std_m / max(self.ranges[-1].range_m, 1.0)
+        if ego_speed_mps is not None:  # an error in proportion to the range is one of speed too
+            return ego_speed_mps, 1.0 + share * ego_speed_mps
         if len(self.ranges) < 4 or self.ranges[-1].time_s - self.ranges[0].time_s < 0.15:
             return None
         times = [r.time_s - self.ranges[0].time_s for r in self.ranges]
@@ -60,21 +73,29 @@ class Candidate:
         spread = sum((t - mean_t) ** 2 for t in times)
         pairs = zip(times, self.ranges, strict=True)
         slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
-        return min(max(-slope, 0.0), MAX_CLOSING_MPS)
+        closing = min(max(-slope, 0.0), MAX_CLOSING_MPS)
+        noise_m = sum(r.std_m for r in self.ranges) / len(times)
+        return closing, 2.0 + 0.2 * closing + noise_m / math.sqrt(spread)
 
     def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
-        """Predicted range and its standard deviation, metres; None without any range so far."""
+        """Predicted range and its standard deviation, metres; None without any range so far.
+
+        The median of the last sightings, each carried forward to ``time_s``: one bad range does
+        not lead the prediction astray. Its standard deviation is no smaller than that of one
+        sighting, because what a camera's ranges have wrong they mostly have wrong together.
+        """
         if not self.ranges:
             return None
-        range_m, std_m = self.ranges[-1].range_m, self.ranges[-1].std_m
-        gone_s = time_s - self.ranges[-1].time_s
+        last = self.ranges[-1]
         closing = self.closing_mps(ego_speed_mps)
         if closing is None:
             # Anything between standing still and the fastest approach: centre and half width.
-            half_m = min(range_m, MAX_CLOSING_MPS * gone_s) / 2
-            return range_m - half_m, math.hypot(std_m, half_m)
-        drift_mps = 1.0 if ego_speed_mps is not None else 0.2 * closing + 2.0
-        return range_m - closing * gone_s, math.hypot(std_m, drift_mps * gone_s)
+            half_m = min(last.range_m, MAX_CLOSING_MPS * (time_s - last.time_s)) / 2
+            return last.range_m - half_m, math.hypot(last.std_m, half_m)
+        recent = list(self.ranges)[-PREDICTED_FROM:]
+        range_m = median(r.range_m - closing[0] * (time_s - r.time_s) for r in recent)
+        gone_s = time_s - median(r.time_s for r in recent)
+        return range_m, math.hypot(last.std_m, closing[1] * gone_s)
 
     def box_at(self, range_m: float | None, vanishing_uv: tuple[float, float] | None) -> Box:
         """The last box, grown about the vanishing point to the predicted range."""

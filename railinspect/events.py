@@ -102,7 +102,8 @@ class EventTracker:
     def ranges_since(self, event_id: int, time_s: float) -> tuple[TimedRange, ...]:
         """The last ranges of a live event from ``time_s`` on, oldest first, at most twelve."""
         found = self._find(event_id)
-        return tuple(r for r in found.ranges if r.time_s >= time_s) if found else ()
+        recent = list(found.ranges)[-12:] if found else []
+        return tuple(r for r in recent if r.time_s >= time_s)
 
     def box_of(self, event_id: int) -> Box:
         """Where a live event was last seen, input pixels."""
@@ -190,8 +191,7 @@ class EventTracker:
         if predicted is None or sighting.range_m is None:
             similar = 0.4 < height(box) / max(height(sighting.box_xyxy), 1.0) < 2.5
             return 1.5 - overlap + bias if similar and overlap > 0 else None
-        noise_m = math.hypot(predicted[1], sighting.range_std_m or 0.0)
-        gate_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
+        gate_m = self._near_m(predicted[1], sighting.range_std_m)
         gate_m = max(min(gate_m, 0.5 * max(predicted[0], sighting.range_m)), 2.0)
         if candidate.type == sighting.type == "distortion":
             gate_m = max(gate_m, self._settings.stretch_m)
@@ -200,6 +200,15 @@ class EventTracker:
             return None
         return apart_m / gate_m + (1 - overlap) / 2 + bias
 
+    def _near_m(self, first_std_m: float | None, second_std_m: float | None) -> float:
+        """How far two ranges of one place may lie apart: so far that their intervals touch.
+
+        The deviations add up and not their squares: a camera's range errors last for many frames
+        and may turn within one, so the two are no independent draws.
+        """
+        both_m = (first_std_m or 0.0) + (second_std_m or 0.0)
+        return max(self._settings.same_place_m, self._settings.gate_std * both_m)
+
     def _one_place(self, first: Sighting, second: Sighting) -> bool:
         """Rule 2 for two findings of one frame."""
         touching = boxes_touch(first.box_xyxy, second.box_xyxy)
@@ -207,8 +216,7 @@ class EventTracker:
             return True
         if first.range_m is None or second.range_m is None:
             return touching
-        noise_m = math.hypot(first.range_std_m or 0.0, second.range_std_m or 0.0)
-        near_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
+        near_m = self._near_m(first.range_std_m, second.range_std_m)
         if first.type == second.type == "distortion":
             near_m = max(near_m, self._settings.stretch_m)
         same_range = abs(first.range_m - second.range_m) <= near_m

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from railinspect.boxes import boxes_touch, iou
@@ -261,9 +261,20 @@ def test_overlap_is_symmetric_and_bounded(first, second):
     assert iou(first, first) == pytest.approx(1)
 
 
+def at(values: dict[int, float], rest: float = 0.0) -> list[float]:
+    """Forty-five values: those given by index, all others ``rest``."""
+    return [values.get(i, rest) for i in range(45)]
+
+
 @given(
     st.lists(st.floats(-0.1, 0.1), min_size=45, max_size=45),
     st.lists(st.booleans(), min_size=45, max_size=45),
+)
+@example(  # one bad range led the prediction astray
+    at({25: -0.09765625, 27: 0.078125, 28: 0.03125}), [i == 26 for i in range(45)]
+)
+@example(  # errors that last for frames and then turn are no independent draws
+    at({i: 0.1 if i // 5 % 2 else -0.1 for i in range(45)}), [i > 30 for i in range(45)]
 )
 def test_noise_and_drop_outs_never_make_two_of_one(noise, dropped):
     """Whatever ±10 % range noise and single drop-outs do, one obstacle is never two events."""
