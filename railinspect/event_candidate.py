@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 from typing import Final
@@ -23,6 +24,13 @@ REMEMBERED: Final = 24
 PREDICTED_FROM: Final = 3
 """Number of last ranges a prediction is the median of."""
 
+RUNNER_MPS: Final = 8.0
+"""Nobody keeps ahead of a train at this speed on foot, m/s."""
+
+KEPT_SHARE: Final = 0.3
+"""What stands comes nearer at the train's speed; at less than this share of it, surely, it does
+not stand."""
+
 
 @dataclass
 class Candidate:
@@ -35,6 +43,7 @@ class Candidate:
     confirmed_time_s: float | None = None
     last_time_s: float = 0.0
     last_frame: int = 0
+    cut_time_s: float = -math.inf
     box_xyxy: Box = (0.0, 0.0, 0.0, 0.0)
     votes: dict[str, float] = field(default_factory=dict)
     confidence_sum: float = 0.0
@@ -48,6 +57,7 @@ class Candidate:
     advice: str | None = None
     advice_reason: str | None = None
     advice_rank: int = -1
+    doubted: str | None = None
     thumbnail_jpeg: bytes | None = None
 
     @property
@@ -65,17 +75,31 @@ class Candidate:
         share = self.ranges[-1].std_m / max(self.ranges[-1].range_m, 1.0)
         if ego_speed_mps is not None:  # an error in proportion to the range is one of speed too
             return ego_speed_mps, 1.0 + share * ego_speed_mps
-        if len(self.ranges) < 4 or self.ranges[-1].time_s - self.ranges[0].time_s < 0.15:
+        fitted = _approach(self.ranges)
+        if fitted is None:
             return None
-        times = [r.time_s - self.ranges[0].time_s for r in self.ranges]
-        mean_t = sum(times) / len(times)
-        mean_r = sum(r.range_m for r in self.ranges) / len(times)
-        spread = sum((t - mean_t) ** 2 for t in times)
-        pairs = zip(times, self.ranges, strict=True)
-        slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
-        closing = min(max(-slope, 0.0), MAX_CLOSING_MPS)
-        noise_m = sum(r.std_m for r in self.ranges) / len(times)
-        return closing, 2.0 + 0.2 * closing + noise_m / math.sqrt(spread)
+        closing = min(max(fitted[0], 0.0), MAX_CLOSING_MPS)
+        return closing, 2.0 + 0.2 * closing + fitted[1]
+
+    def doubt(self, ego_speed_mps: float | None) -> str | None:
+        """Why it cannot be a thing that stands on the ground; None where nothing speaks against.
+
+        What stands comes nearer as fast as the train runs. What surely does not, at a speed at
+        which nobody runs ahead, is something that rolls ahead of the train, or no thing at all: a
+        reflection, a wiper, dirt, a part of the own vehicle. A distortion is not judged, since a
+        long one has a near end for as long as it lasts, nor what the picture's edge cuts.
+        """
+        if ego_speed_mps is None or ego_speed_mps < RUNNER_MPS or self.type == "distortion":
+            return None
+        seen = [r for r in self.ranges if r.time_s > self.cut_time_s]
+        fitted = _approach(seen)
+        if fitted is None or fitted[0] + 3.0 * fitted[1] >= KEPT_SHARE * ego_speed_mps:
+            return None
+        run_m = ego_speed_mps * (seen[-1].time_s - seen[0].time_s)
+        return (
+            f"keeps its distance of {seen[-1].range_m:.0f} m while the train runs {run_m:.0f} m: "
+            "it moves ahead of the train or is in the picture only (reflection, wiper, dirt)"
+        )
 
     def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
         """Predicted range and its standard deviation, metres; None without any range so far.
@@ -115,6 +139,8 @@ class Candidate:
         """Take in a sighting; several of one frame count once, the nearest range leading."""
         again = self.frames_seen > 0 and self.last_frame == frame_index
         self.last_time_s, self.last_frame = time_s, frame_index
+        if not sighting.whole:
+            self.cut_time_s = time_s
         self.frames_seen += not again
         vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence
         self.votes[sighting.type] = self.votes.get(sighting.type, 0.0) + vote
@@ -193,4 +219,19 @@ class Candidate:
             advice=self.advice,
             advice_reason=self.advice_reason,
             thumbnail_jpeg=self.thumbnail_jpeg,
+            doubt=self.doubted,
         )
+
+
+def _approach(ranges: Sequence[TimedRange]) -> tuple[float, float] | None:
+    """Speed of approach by a line through the ranges and its standard deviation, m/s."""
+    if len(ranges) < 4 or ranges[-1].time_s - ranges[0].time_s < 0.15:
+        return None
+    times = [r.time_s - ranges[0].time_s for r in ranges]
+    mean_t = sum(times) / len(times)
+    mean_r = sum(r.range_m for r in ranges) / len(times)
+    spread = sum((t - mean_t) ** 2 for t in times)
+    pairs = zip(times, ranges, strict=True)
+    slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
+    noise_m = sum(r.std_m for r in ranges) / len(times)
+    return -slope, noise_m / math.sqrt(spread)

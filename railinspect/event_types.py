@@ -70,6 +70,8 @@ class Event:
 
     Times are media times in seconds, ranges metres along the track with 95 % intervals, boxes
     input pixels. ``advice`` is the most severe action that was advised because of this event.
+    ``doubt`` says why it cannot be a thing that stands on the ground (rule 6 of
+    :mod:`railinspect.events`); None for nearly all events.
     """
 
     id: int
@@ -91,6 +93,7 @@ class Event:
     closest_time_s: float | None
     advice: str | None = None
     advice_reason: str | None = None
+    doubt: str | None = None
     thumbnail_jpeg: bytes | None = None
 
 

@@ -25,6 +25,10 @@ The rules, in the order they apply:
    recorded (``confirmed_time_s - first_time_s``).
 5. **End.** An event not seen for ``lose_after_s`` ends. Drop-outs shorter than that do not split
    it.
+6. **Doubt.** What keeps its distance although the train is known or seen to move, faster than
+   anyone runs, does not stand on the track. It may roll ahead of the train, so it is never
+   dropped: the event stays, says why it is doubtful, and stops being so when it comes nearer. The
+   frame loop takes doubtful events as perception in doubt (unknown), not as obstacles to stop for.
 """
 
 from __future__ import annotations
@@ -59,6 +63,7 @@ class EventTracker:
         sightings: tuple[Sighting, ...],
         ego_speed_mps: float | None = None,
         vanishing_uv: tuple[float, float] | None = None,
+        seen_speed_mps: float | None = None,
     ) -> EventUpdate:
         """Take in one frame.
 
@@ -68,6 +73,8 @@ class EventTracker:
             sightings: Its findings, in any order.
             ego_speed_mps: The train's speed, m/s, >= 0; None if unknown.
             vanishing_uv: Vanishing point of the track in the image, pixels; None if unknown.
+            seen_speed_mps: The speed as the picture shows it, m/s, where it is not known; it only
+                serves to doubt (rule 6).
 
         Returns:
             Ids for the sightings, the live events, and those that just ended.
@@ -91,8 +98,17 @@ class EventTracker:
                 candidate.id, candidate.confirmed_time_s = self._next_id, time_s
                 self._next_id += 1
         self._candidates = [c for c in self._candidates if c.id is not None or any(c.hits)]
+        speed_mps = seen_speed_mps if ego_speed_mps is None else ego_speed_mps
+        for candidate in self._candidates:
+            if candidate.last_time_s == time_s:
+                candidate.doubted = candidate.doubt(speed_mps)
         ids = tuple(None if owner is None else owner.id for owner in owners)
         return EventUpdate(ids, self.live(), ended)
+
+    @property
+    def watching(self) -> bool:
+        """Whether anything was seen lately that the train's speed would help to judge."""
+        return any(c.type != "distortion" for c in self._candidates)
 
     def live(self) -> tuple[Event, ...]:
         """Confirmed events that have not ended, nearest first."""

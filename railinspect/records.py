@@ -156,6 +156,7 @@ def event_json(event: Event, input_name: str, thumbnail: str | None) -> dict[str
         "closest_time_s": number(event.closest_time_s, 6),
         "advice": event.advice,
         "advice_reason": event.advice_reason,
+        "doubt": event.doubt,
         "thumbnail": thumbnail,
     }
 

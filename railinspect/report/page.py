@@ -208,6 +208,10 @@ def _range(range_m: float | None, bounds: list[float | None] | None) -> str:
 
 
 def _advice(event: Json) -> str:
+    if event.get("doubt"):
+        return (
+            f'<span class="badge s-unknown">doubtful</span><small>{escape(event["doubt"])}</small>'
+        )
     if event["advice"] is None:
         return "–"
     action = escape(event["advice"])

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from railinspect.records import flat_for_parquet
 
-_TEXT: Final = ("input", "type", "advice", "advice_reason", "thumbnail")
+_TEXT: Final = ("input", "type", "advice", "advice_reason", "doubt", "thumbnail")
 _COUNTS: Final = ("id", "first_frame", "last_frame", "best_frame", "frames_seen")
 _NUMBERS: Final = (
     "confidence",
