@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -99,9 +99,8 @@ def _speed(
     points = cv2.goodFeaturesToTrack(before, 80, 0.02, 6, mask=mask)
     if points is None or len(points) < LEAST_POINTS:
         return None
-    window = {"winSize": (21, 21), "maxLevel": 3}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, points, None, **window)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, **window)
+    there, found = _followed(before, after, points)
+    back, again = _followed(after, before, there)
     error = np.linalg.norm((back - points).reshape(-1, 2), axis=1)
     sure = (found.ravel() > 0) & (again.ravel() > 0) & (error < 0.7)
     start = track.camera.ground(track.camera.undistort(scale * points.reshape(-1, 2)[sure]))
@@ -116,6 +115,15 @@ def _speed(
     if np.count_nonzero(agree) < max(LEAST_POINTS, 0.5 * len(speeds)):
         return None
     return float(np.median(speeds[agree]))
+
+
+def _followed(before: Image, after: Image, points: Any) -> tuple[Any, Any]:
+    """Where points of one picture lie in another, and which were found (Lucas and Kanade)."""
+    none: Any = None
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        before, after, points, none, winSize=(21, 21), maxLevel=3
+    )
+    return there, found
 
 
 def _beside(track: TrackGeometry, shape: tuple[int, ...], scale: float) -> Image:

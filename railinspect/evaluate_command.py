@@ -65,7 +65,7 @@ def add_evaluate(commands: Any, command: AddCommand) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from railinspect.evaluation import evaluated, inspect_still, judge_set, read_samples
+    from railinspect.evaluation import Judge, evaluated, inspect_still, judge_set, read_samples
     from railinspect.evaluation.page import html, markdown
     from railinspect.runfolder import RunFolder, refuse_taken
     from railinspect.runinfo import write_json
@@ -83,17 +83,15 @@ def _run(options: argparse.Namespace) -> int:
     if options.out is not None:
         refuse_taken(options.out, FILES)
         folder = RunFolder.claim(options.out)
-    judge, name = inspect_still, "the inspector"
+    judge: Judge = inspect_still
     if options.svm is not None:
         from railinspect.evaluation.svm import train_svm
 
-        judge, name = (
-            _with_line(
-                "training",
-                lambda show: train_svm(read_samples(options.svm), segmenter, progress=show),
-                options.json,
-            ),
-            "the linear SVM",
+        training = read_samples(options.svm)
+        judge = _with_line(
+            "training",
+            lambda show: train_svm(training, segmenter, progress=show),
+            options.json,
         )
     answers = _with_line(
         "judging",
@@ -101,9 +99,10 @@ def _run(options: argparse.Namespace) -> int:
         options.json,
     )
     rides = _rides(options, segmenter) if options.clear_rides else None
-    masks = (
-        "true masks" if segmenter is None else f"masks of {options.bundle or 'the shipped bundle'}"
-    )
+    name = "the inspector" if options.svm is None else "the linear SVM"
+    masks = "true masks"
+    if segmenter is not None:
+        masks = f"masks of {options.bundle or 'the shipped bundle'}"
     evaluation = evaluated(options.data_set, samples, answers, name, masks, rides)
     document = evaluation.as_json()
     if folder is not None:
@@ -123,13 +122,9 @@ def _segmenter(bundle: Path | None) -> Any:
 
 
 def _rides(options: argparse.Namespace, segmenter: Any) -> Any:
-    from railinspect.evaluation import ride_through
-    from railinspect.scenes import Ride, demo_settings
+    from railinspect.evaluation import clear_rides, ride_through
 
-    rides = [
-        Ride.plan(options.seed + i, demo_settings(), duration_s=options.ride_s)
-        for i in range(options.clear_rides)
-    ]
+    rides = clear_rides(options.clear_rides, options.seed, options.ride_s)
     return _with_line(
         "riding",
         lambda show: ride_through(rides, segmenter, not options.no_camera, progress=show),

@@ -33,19 +33,19 @@ _RAIL: Final = (60, 225, 235)
 def tables(evaluation: Evaluation) -> list[tuple[str, Row, list[Row]]]:
     """Every table of the evaluation: title, head, rows; both pages print these."""
     s = evaluation.scores
-    main = [("accuracy", *_told(s.accuracy)), ("specificity", *_told(s.specificity))]
+    main: list[Row] = [("accuracy", *_told(s.accuracy)), ("specificity", *_told(s.specificity))]
     main += [(f"sensitivity, {name}", *_told(s.sensitivity[name])) for name in TYPES]
     main += [("unknown", *_told(s.unknown))]
-    strict = [
+    strict: list[Row] = [
         (name, _percent(s.named[name]), _percent(s.placed[name]), str(s.named[name].of))
         for name in TYPES
     ]
     said = ("clear", "unknown", *TYPES)
-    confusion = [
+    confusion: list[Row] = [
         (truth, *(str(s.confusion.get((truth, word), 0)) for word in said))
         for truth in ("clear", *TYPES)
     ]
-    found = [
+    found: list[tuple[str, Row, list[Row]]] = [
         ("Scores", ("measure", "share", "95 % interval", "pictures"), main),
         ("Type and place", ("type", "named right", "and placed right", "pictures"), strict),
         ("Truth (rows) and answer (columns)", ("", *said), confusion),
@@ -54,16 +54,16 @@ def tables(evaluation: Evaluation) -> list[tuple[str, Row, list[Row]]]:
         ("Recall by range along the track", "m", s.by_range),
         ("Recall by size (root of the box's area)", "px", s.by_size),
     ):
-        rows = [
+        rows: list[Row] = [
             (f"{_edges(band.low, band.high)} {unit}", *_told(band.rate))
             for band in bands
             if band.rate.of
         ]
         found.append((title, ("band", "recall", "95 % interval", "pictures"), rows))
-    times = [("median", f"{s.median_ms:.2f}"), ("95 % are below", f"{s.slowest_ms:.2f}")]
-    found.append(("Processor time per picture after the segmentation", ("", "ms"), [*times]))
+    times: list[Row] = [("median", f"{s.median_ms:.2f}"), ("95 % are below", f"{s.slowest_ms:.2f}")]
+    found.append(("Processor time per picture after the segmentation", ("", "ms"), times))
     if (rides := evaluation.rides) is not None:
-        rows = [
+        ridden: list[Row] = [
             ("rides", str(rides.count)),
             ("time", f"{rides.hours * 60:.1f} min"),
             ("way", f"{rides.km:.2f} km"),
@@ -72,7 +72,7 @@ def tables(evaluation: Evaluation) -> list[tuple[str, Row, list[Row]]]:
             ("per hour", f"{rides.per_hour:.2f} (at most {rides.at_most() / rides.hours:.1f})"),
             ("per km", f"{rides.per_km:.3f} (at most {rides.at_most() / rides.km:.2f})"),
         ]
-        found.append(("Clear rides (upper bounds at 95 %)", ("", ""), rows))
+        found.append(("Clear rides (upper bounds at 95 %)", ("", ""), ridden))
     return found
 
 

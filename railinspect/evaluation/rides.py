@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
 from scipy.special import gammaincinv
 
 from railinspect.evaluation.answers import true_segmentation
 from railinspect.events import Event
 from railinspect.pipeline import Inspector, SegmentFunction
-from railinspect.scenes import Ride
+from railinspect.scenes import Ride, SceneSettings, demo_settings
+from railinspect.scenes.settings import Kind
+from railinspect.track.geometry import SegmentationLike
 from railinspect.video import Frame
 
 
@@ -54,6 +58,24 @@ class ClearRides:
         return float(gammaincinv(len(self.false_events) + 1, confidence))
 
 
+def clear_rides(count: int, seed: int = 100, duration_s: float = 60.0) -> list[Ride]:
+    """Rides without anomalies: open lines and stations in turn, all weathers, curves from 300 m.
+
+    Args:
+        count: How many.
+        seed: Seed of the first; the others follow it.
+        duration_s: Length of each, seconds.
+    """
+    kinds: tuple[Kind, ...] = ("line", "station")
+    settings = [
+        SceneSettings(camera=demo_settings().camera, kind=kind, weather=True, min_radius_m=300.0)
+        for kind in kinds
+    ]
+    return [
+        Ride.plan(seed + i, settings[i % len(kinds)], duration_s=duration_s) for i in range(count)
+    ]
+
+
 def ride_through(
     rides: Sequence[Ride],
     segmenter: SegmentFunction | None,
@@ -73,7 +95,8 @@ def ride_through(
     events: list[tuple[int, Event]] = []
     for ride in rides:
         assert not ride.planted
-        judge = Inspector(segmenter or _no_segmenter, camera=ride.camera if camera_known else None)
+        camera = ride.camera if camera_known else None
+        judge = Inspector(segmenter or _no_segmenter, camera)
         for index in range(len(ride)):
             picture = ride.frame(index)
             frame = Frame(index, index / ride.frame_rate, picture.rgb)
@@ -91,5 +114,5 @@ def ride_through(
     )
 
 
-def _no_segmenter(_: object) -> None:
+def _no_segmenter(_: npt.NDArray[np.uint8]) -> SegmentationLike:
     raise AssertionError("the true masks are handed over with each frame")

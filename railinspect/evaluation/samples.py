@@ -143,7 +143,7 @@ def _camera(entry: Mapping[str, Any] | None, size_wh: tuple[int, int]) -> Camera
     """The camera of a picture's notes: centred principal point, as rendered scenes have it."""
     if entry is None:
         return None
-    numbers = {name: float(value) for name, value in entry.items() if name != "distortion"}
-    k1, k2, p1, p2, k3 = (float(v) for v in entry.get("distortion", (0.0,) * 5))
+    numbers: dict[str, Any] = {name: float(v) for name, v in entry.items() if name != "distortion"}
+    numbers["distortion"] = tuple(float(v) for v in entry.get("distortion", (0.0,) * 5))
     centre = ((size_wh[0] - 1) / 2, (size_wh[1] - 1) / 2)
-    return Camera(size_wh, principal_uv=centre, distortion=(k1, k2, p1, p2, k3), **numbers)
+    return Camera(size_wh, principal_uv=centre, **numbers)

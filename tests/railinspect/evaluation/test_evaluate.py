@@ -23,6 +23,7 @@ from railinspect.evaluation import (
     ride_through,
     score,
 )
+from railinspect.evaluation.svm import fit
 from railinspect.scenes import Ride, demo_settings
 from railinspect.scenes.dataset import IMAGES, MASKS, NOTES
 from tests.railinspect.synthetic_tracks import Thing, camera, draw
@@ -231,3 +232,30 @@ def test_a_clear_ride_raises_nothing():
     assert rides.frames == len(ride)
     assert rides.hours == pytest.approx(len(ride) / ride.frame_rate / 3600)
     assert rides.km == pytest.approx(0.020, rel=0.05)
+
+
+# The baseline
+
+
+def test_the_machine_separates_what_a_line_can_separate():
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(200, 3))
+    anomalous = points @ [2.0, -1.0, 0.0] + 0.3 > 0
+    points += 0.4 * np.where(anomalous, 1, -1)[:, None] * np.array([2.0, -1.0, 0.0])
+    machine = fit(points, anomalous, softness=10.0)
+    assert [machine.margin(p) > 0 for p in points] == anomalous.tolist()
+    normal = machine.weights / machine.scale
+    assert normal / np.linalg.norm(normal) == pytest.approx([2 / 5**0.5, -1 / 5**0.5, 0], abs=0.12)
+
+
+def test_the_machine_needs_both_kinds():
+    with pytest.raises(BadInputError, match="needs both kinds"):
+        fit(np.zeros((3, 2)), np.array([True, True, True]))
+
+
+def test_the_baseline_has_the_same_interface(data_set, capsys):
+    assert cli.main(["evaluate", str(data_set), "--truth", "--svm", str(data_set), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["judge"] == "the linear SVM"
+    assert document["accuracy"]["of"] == 4
+    assert document["named_and_placed_right"]["trespasser"]["hits"] == 0  # it tells no place
