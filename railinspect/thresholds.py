@@ -43,6 +43,9 @@ class Thresholds:
         least_area_px: Least area, pixels.
         least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
         least_spacing_px: Where the rails are closer than this, things are too small to judge.
+        far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
+            only what hides the rails and stands across the centre line counts,
+        far_centre_m: reaching so far to both sides of it, metres.
         least_foot_px: Least width of the foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
@@ -96,6 +99,8 @@ class Thresholds:
     least_area_px: float = 14.0
     least_confidence: float = 0.50
     least_spacing_px: float = 5.0
+    far_spacing_px: float = 9.0
+    far_centre_m: float = 0.3
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5

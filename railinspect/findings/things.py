@@ -243,6 +243,11 @@ def _judge(
     spacing_px = 2.0 * across * float(np.interp(range_m, path.chainage_m, path.half_m))
     if len(inside) < limits.least_foot_px * scale or spacing_px < limits.least_spacing_px * scale:
         return None
+    far = spacing_px < limits.far_spacing_px * scale
+    hides = any(not gap.continued for gap in track.gaps)  # the rails end where they should go on
+    across_both = lateral.min() < -limits.far_centre_m and lateral.max() > limits.far_centre_m
+    if far and not (hides and across_both):
+        return None
     if deep < limits.deep_m or deep * across < limits.deep_px * scale:
         return None
     if share < limits.inside_share and width_m < limits.wide_m:
