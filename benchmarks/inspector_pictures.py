@@ -109,7 +109,7 @@ def _findings(rgb: Image, found: tuple[Finding, ...]) -> Image:
         cv2.putText(
             picture,
             finding.type,
-            (left, max(12, top - 6)),
+            (left, bottom + 16 if number % 2 == 0 else max(12, top - 6)),
             cv2.FONT_HERSHEY_SIMPLEX,
             0.5,
             colour,
