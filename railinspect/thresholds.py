@@ -51,7 +51,8 @@ class Thresholds:
         deep_px: and this far in pixels at right angles to the track in the image.
         overhang_m: What meets the ground's image less than this above the foot of something it
             hangs together with is a part of that (an arm, a signal's head), metres,
-        overhang_width_m: unless it is wider than this, metres.
+        overhang_width_m: unless it is wider than this or farther aside: a log behind a railing
+            meets the ground's image above the railing's near end too. Metres.
         inside_share: Least share of the foot line that lies inside the envelope, unless it is
             ``wide_m`` wide inside it.
         wide_m: Metres inside the envelope that count whatever lies outside.

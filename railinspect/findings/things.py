@@ -209,7 +209,8 @@ def _base(
         if np.ptp(feet[part, 0]) > limits.overhang_width_m * metre:
             continue  # too wide for an arm
         aside = float(np.abs(feet[near, 0] - feet[part, 0]).min()) / metre
-        near_enough = (base - bottom) / metre < limits.overhang_m and aside < limits.overhang_m
+        near_enough = (base - bottom) / metre < limits.overhang_m
+        near_enough &= aside < limits.overhang_width_m
         if near_enough and (best is None or base > best[0]):
             best = (base, other)
     return None if best is None else best[1]
