@@ -116,7 +116,7 @@ def test_what_hangs_over_the_track_is_no_obstacle() -> None:
 
 
 def test_a_log_that_runs_into_a_railing_beside_the_track_is_an_obstacle() -> None:
-    masks = draw(camera(), 0.0, things=[Thing(labels.CONSTRUCTION, 24.0, -0.4, 4.4, 0.4)])
+    masks = draw(camera(), 0.0, things=[Thing(labels.CONSTRUCTION, 24.0, -1.2, 2.6, 0.4)])
     marks = masks.labels.copy()
     ahead = np.arange(24.0, 6.0, -0.2)
     rail = np.stack([ahead, np.full_like(ahead, -2.55), np.zeros_like(ahead)], axis=1)
