@@ -74,6 +74,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_inspect(commands)
     _add_scenes(commands)
     _add_anomalies(commands)
+    _add_evaluate(commands)
     _add_verify(commands)
     return parser
 
@@ -303,6 +304,12 @@ def _add_anomalies(commands: Any) -> None:
     from railinspect.anomalies_command import add_anomalies
 
     add_anomalies(commands, _command)
+
+
+def _add_evaluate(commands: Any) -> None:
+    from railinspect.evaluate_command import add_evaluate
+
+    add_evaluate(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Final
 
 from railinspect.boxes import Box, area, union
@@ -15,6 +17,19 @@ TYPE_WEIGHT: Final[dict[str, float]] = {"distortion": 0.5, "obstruction": 1.0, "
 
 MAX_CLOSING_MPS: Final = 100.0
 """Fastest approach considered when neither the ego speed nor a closing speed is known, m/s."""
+
+REMEMBERED: Final = 24
+"""Number of last ranges kept: enough that their noise leaves a closing speed."""
+
+PREDICTED_FROM: Final = 3
+"""Number of last ranges a prediction is the median of."""
+
+RUNNER_MPS: Final = 8.0
+"""Nobody keeps ahead of a train at this speed on foot, m/s."""
+
+KEPT_SHARE: Final = 0.3
+"""What stands comes nearer at the train's speed; at less than this share of it, surely, it does
+not stand."""
 
 
 @dataclass
@@ -28,11 +43,12 @@ class Candidate:
     confirmed_time_s: float | None = None
     last_time_s: float = 0.0
     last_frame: int = 0
+    cut_time_s: float = -math.inf
     box_xyxy: Box = (0.0, 0.0, 0.0, 0.0)
     votes: dict[str, float] = field(default_factory=dict)
     confidence_sum: float = 0.0
     frames_seen: int = 0
-    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=12))
+    ranges: deque[TimedRange] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     first_range: tuple[float, tuple[float, float] | None] | None = None
     closest: tuple[float, tuple[float, float] | None, float] | None = None
     best_quality: float = -1.0
@@ -42,6 +58,7 @@ class Candidate:
     advice_reason: str | None = None
     advice_rank: int = -1
     advice_time_s: float | None = None
+    doubted: str | None = None
     thumbnail_jpeg: bytes | None = None
 
     @property
@@ -49,33 +66,61 @@ class Candidate:
         """The type with the most votes."""
         return max(self.votes, key=lambda name: self.votes[name])
 
-    def closing_mps(self, ego_speed_mps: float | None) -> float | None:
-        """Speed at which the place comes nearer, m/s; None if nothing is known about it."""
-        if ego_speed_mps is not None:
-            return ego_speed_mps
-        if len(self.ranges) < 4 or self.ranges[-1].time_s - self.ranges[0].time_s < 0.15:
-            return None
-        times = [r.time_s - self.ranges[0].time_s for r in self.ranges]
-        mean_t = sum(times) / len(times)
-        mean_r = sum(r.range_m for r in self.ranges) / len(times)
-        spread = sum((t - mean_t) ** 2 for t in times)
-        pairs = zip(times, self.ranges, strict=True)
-        slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
-        return min(max(-slope, 0.0), MAX_CLOSING_MPS)
+    def closing_mps(self, ego_speed_mps: float | None) -> tuple[float, float] | None:
+        """Speed at which the place comes nearer and its standard deviation, m/s; None if unknown.
 
-    def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
-        """Predicted range and its standard deviation, metres; None without any range so far."""
+        The ego speed where it is known, else the slope of a line through the last ranges.
+        """
         if not self.ranges:
             return None
-        range_m, std_m = self.ranges[-1].range_m, self.ranges[-1].std_m
-        gone_s = time_s - self.ranges[-1].time_s
+        share = self.ranges[-1].std_m / max(self.ranges[-1].range_m, 1.0)
+        if ego_speed_mps is not None:  # an error in proportion to the range is one of speed too
+            return ego_speed_mps, 1.0 + share * ego_speed_mps
+        fitted = _approach(self.ranges)
+        if fitted is None:
+            return None
+        closing = min(max(fitted[0], 0.0), MAX_CLOSING_MPS)
+        return closing, 2.0 + 0.2 * closing + fitted[1]
+
+    def doubt(self, ego_speed_mps: float | None) -> str | None:
+        """Why it cannot be a thing that stands on the ground; None where nothing speaks against.
+
+        What stands comes nearer as fast as the train runs. What surely does not, at a speed at
+        which nobody runs ahead, is something that rolls ahead of the train, or no thing at all: a
+        reflection, a wiper, dirt, a part of the own vehicle. A distortion is not judged, since a
+        long one has a near end for as long as it lasts, nor what the picture's edge cuts.
+        """
+        if ego_speed_mps is None or ego_speed_mps < RUNNER_MPS or self.type == "distortion":
+            return None
+        seen = [r for r in self.ranges if r.time_s > self.cut_time_s]
+        fitted = _approach(seen)
+        if fitted is None or fitted[0] + 3.0 * fitted[1] >= KEPT_SHARE * ego_speed_mps:
+            return None
+        run_m = ego_speed_mps * (seen[-1].time_s - seen[0].time_s)
+        return (
+            f"keeps its distance of {seen[-1].range_m:.0f} m while the train runs {run_m:.0f} m: "
+            "it moves ahead of the train or is in the picture only (reflection, wiper, dirt)"
+        )
+
+    def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
+        """Predicted range and its standard deviation, metres; None without any range so far.
+
+        The median of the last sightings, each carried forward to ``time_s``: one bad range does
+        not lead the prediction astray. Its standard deviation is no smaller than that of one
+        sighting, because what a camera's ranges have wrong they mostly have wrong together.
+        """
+        if not self.ranges:
+            return None
+        last = self.ranges[-1]
         closing = self.closing_mps(ego_speed_mps)
         if closing is None:
             # Anything between standing still and the fastest approach: centre and half width.
-            half_m = min(range_m, MAX_CLOSING_MPS * gone_s) / 2
-            return range_m - half_m, math.hypot(std_m, half_m)
-        drift_mps = 1.0 if ego_speed_mps is not None else 0.2 * closing + 2.0
-        return range_m - closing * gone_s, math.hypot(std_m, drift_mps * gone_s)
+            half_m = min(last.range_m, MAX_CLOSING_MPS * (time_s - last.time_s)) / 2
+            return last.range_m - half_m, math.hypot(last.std_m, half_m)
+        recent = list(self.ranges)[-PREDICTED_FROM:]
+        range_m = median(r.range_m - closing[0] * (time_s - r.time_s) for r in recent)
+        gone_s = time_s - median(r.time_s for r in recent)
+        return range_m, math.hypot(last.std_m, closing[1] * gone_s)
 
     def box_at(self, range_m: float | None, vanishing_uv: tuple[float, float] | None) -> Box:
         """The last box, grown about the vanishing point to the predicted range."""
@@ -95,6 +140,8 @@ class Candidate:
         """Take in a sighting; several of one frame count once, the nearest range leading."""
         again = self.frames_seen > 0 and self.last_frame == frame_index
         self.last_time_s, self.last_frame = time_s, frame_index
+        if not sighting.whole:
+            self.cut_time_s = time_s
         self.frames_seen += not again
         vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence
         self.votes[sighting.type] = self.votes.get(sighting.type, 0.0) + vote
@@ -174,4 +221,19 @@ class Candidate:
             advice_reason=self.advice_reason,
             advice_time_s=self.advice_time_s,
             thumbnail_jpeg=self.thumbnail_jpeg,
+            doubt=self.doubted,
         )
+
+
+def _approach(ranges: Sequence[TimedRange]) -> tuple[float, float] | None:
+    """Speed of approach by a line through the ranges and its standard deviation, m/s."""
+    if len(ranges) < 4 or ranges[-1].time_s - ranges[0].time_s < 0.15:
+        return None
+    times = [r.time_s - ranges[0].time_s for r in ranges]
+    mean_t = sum(times) / len(times)
+    mean_r = sum(r.range_m for r in ranges) / len(times)
+    spread = sum((t - mean_t) ** 2 for t in times)
+    pairs = zip(times, ranges, strict=True)
+    slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
+    noise_m = sum(r.std_m for r in ranges) / len(times)
+    return -slope, noise_m / math.sqrt(spread)

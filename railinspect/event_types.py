@@ -73,6 +73,8 @@ class Event:
     input pixels. ``advice`` is the most severe action that was advised because of this event,
     ``advice_time_s`` when it first was. ``brake`` says when braking for it had to start; it is
     there once the event has ended, where a train was given.
+    ``doubt`` says why it cannot be a thing that stands on the ground (rule 6 of
+    :mod:`railinspect.events`); None for nearly all events.
     """
 
     id: int
@@ -96,6 +98,7 @@ class Event:
     advice_reason: str | None = None
     advice_time_s: float | None = None
     brake: BrakeMoments | None = None
+    doubt: str | None = None
     thumbnail_jpeg: bytes | None = None
 
 

@@ -25,6 +25,10 @@ The rules, in the order they apply:
    recorded (``confirmed_time_s - first_time_s``).
 5. **End.** An event not seen for ``lose_after_s`` ends. Drop-outs shorter than that do not split
    it.
+6. **Doubt.** What keeps its distance although the train is known or seen to move, faster than
+   anyone runs, does not stand on the track. It may roll ahead of the train, so it is never
+   dropped: the event stays, says why it is doubtful, and stops being so when it comes nearer. The
+   frame loop takes doubtful events as perception in doubt (unknown), not as obstacles to stop for.
 """
 
 from __future__ import annotations
@@ -59,6 +63,7 @@ class EventTracker:
         sightings: tuple[Sighting, ...],
         ego_speed_mps: float | None = None,
         vanishing_uv: tuple[float, float] | None = None,
+        seen_speed_mps: float | None = None,
     ) -> EventUpdate:
         """Take in one frame.
 
@@ -68,6 +73,8 @@ class EventTracker:
             sightings: Its findings, in any order.
             ego_speed_mps: The train's speed, m/s, >= 0; None if unknown.
             vanishing_uv: Vanishing point of the track in the image, pixels; None if unknown.
+            seen_speed_mps: The speed as the picture shows it, m/s, where it is not known; it only
+                serves to doubt (rule 6).
 
         Returns:
             Ids for the sightings, the live events, and those that just ended.
@@ -91,8 +98,17 @@ class EventTracker:
                 candidate.id, candidate.confirmed_time_s = self._next_id, time_s
                 self._next_id += 1
         self._candidates = [c for c in self._candidates if c.id is not None or any(c.hits)]
+        speed_mps = seen_speed_mps if ego_speed_mps is None else ego_speed_mps
+        for candidate in self._candidates:
+            if candidate.last_time_s == time_s:
+                candidate.doubted = candidate.doubt(speed_mps)
         ids = tuple(None if owner is None else owner.id for owner in owners)
         return EventUpdate(ids, self.live(), ended)
+
+    @property
+    def watching(self) -> bool:
+        """Whether anything was seen lately that the train's speed would help to judge."""
+        return any(c.type != "distortion" for c in self._candidates)
 
     def live(self) -> tuple[Event, ...]:
         """Confirmed events that have not ended, nearest first."""
@@ -102,7 +118,8 @@ class EventTracker:
     def ranges_since(self, event_id: int, time_s: float) -> tuple[TimedRange, ...]:
         """The last ranges of a live event from ``time_s`` on, oldest first, at most twelve."""
         found = self._find(event_id)
-        return tuple(r for r in found.ranges if r.time_s >= time_s) if found else ()
+        recent = list(found.ranges)[-12:] if found else []
+        return tuple(r for r in recent if r.time_s >= time_s)
 
     def box_of(self, event_id: int) -> Box:
         """Where a live event was last seen, input pixels."""
@@ -201,8 +218,7 @@ class EventTracker:
         if predicted is None or sighting.range_m is None:
             similar = 0.4 < height(box) / max(height(sighting.box_xyxy), 1.0) < 2.5
             return 1.5 - overlap + bias if similar and overlap > 0 else None
-        noise_m = math.hypot(predicted[1], sighting.range_std_m or 0.0)
-        gate_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
+        gate_m = self._near_m(predicted[1], sighting.range_std_m)
         gate_m = max(min(gate_m, 0.5 * max(predicted[0], sighting.range_m)), 2.0)
         if candidate.type == sighting.type == "distortion":
             gate_m = max(gate_m, self._settings.stretch_m)
@@ -211,6 +227,15 @@ class EventTracker:
             return None
         return apart_m / gate_m + (1 - overlap) / 2 + bias
 
+    def _near_m(self, first_std_m: float | None, second_std_m: float | None) -> float:
+        """How far two ranges of one place may lie apart: so far that their intervals touch.
+
+        The deviations add up and not their squares: a camera's range errors last for many frames
+        and may turn within one, so the two are no independent draws.
+        """
+        both_m = (first_std_m or 0.0) + (second_std_m or 0.0)
+        return max(self._settings.same_place_m, self._settings.gate_std * both_m)
+
     def _one_place(self, first: Sighting, second: Sighting) -> bool:
         """Rule 2 for two findings of one frame."""
         touching = boxes_touch(first.box_xyxy, second.box_xyxy)
@@ -218,8 +243,7 @@ class EventTracker:
             return True
         if first.range_m is None or second.range_m is None:
             return touching
-        noise_m = math.hypot(first.range_std_m or 0.0, second.range_std_m or 0.0)
-        near_m = max(self._settings.same_place_m, self._settings.gate_std * noise_m)
+        near_m = self._near_m(first.range_std_m, second.range_std_m)
         if first.type == second.type == "distortion":
             near_m = max(near_m, self._settings.stretch_m)
         same_range = abs(first.range_m - second.range_m) <= near_m

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect._threads import prefetch
+from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
 from railinspect.journey import Journey
@@ -105,6 +106,7 @@ class Inspector:
         self._thresholds = thresholds or Thresholds()
         self._steps = steps or Steps()
         self._events = EventTracker(event_settings, first_event_id)
+        self._motion = EgoMotion()
         self._follower: TrackFollower | None = None
         self._size_wh = (0, 0)
         self._ended: list[Event] = []
@@ -157,15 +159,20 @@ class Inspector:
             sightings,
             self.speed_mps,
             None if vanishing is None else (float(vanishing[0]), float(vanishing[1])),
+            self._seen_speed_mps(frame, track),
         )
         self._ended.extend(map(self._looked_back, update.ended))
         for event in update.live:
             if self._events.wants_thumbnail(event.id, frame.index):
                 self._events.set_thumbnail(event.id, self._thumbnail(frame, event.id))
+        doubtful = {event.id: event.doubt for event in update.live if event.doubt}
+        sure = [i for i in update.ids if i not in doubtful]
+        if findings and not sure:
+            doubt = doubt or next(iter(doubtful.values()))
         located = tuple(
             LocatedFinding(*parts) for parts in zip(findings, ranges, update.ids, strict=True)
         )
-        status: Status = "finding" if findings else "unknown" if doubt else "clear"
+        status: Status = "finding" if sure else "unknown" if doubt else "clear"
         return FrameRecord(
             index=frame.index,
             time_s=frame.time_s,
@@ -206,6 +213,13 @@ class Inspector:
             self._follower, self._size_wh = self._steps.follower(camera), size_wh
         return self._follower
 
+    def _seen_speed_mps(self, frame: Frame, track: TrackGeometry) -> float | None:
+        """The speed the picture shows, m/s, measured only where it is needed."""
+        if self.speed_mps is not None or not self._events.watching:
+            self._motion.forget()
+            return None
+        return self._motion.update(frame, track)
+
     @staticmethod
     def _why_unknown(frame: Frame, track: TrackGeometry) -> str | None:
         if frame.damaged:
@@ -221,6 +235,9 @@ class Inspector:
         advised: list[Advice] = []
         for event in live:
             if time_s - event.last_time_s > DECISION_S:
+                continue
+            if event.doubt:  # no thing to stop for, but no clear track either
+                unknown = True
                 continue
             measured = self._measurements(event, time_s)
             self._note_place(event.id, measured[-1], time_s)

@@ -164,6 +164,7 @@ def event_json(event: Event, input_name: str, thumbnail: str | None) -> dict[str
         "advice_reason": event.advice_reason,
         "advice_time_s": number(event.advice_time_s, 6),
         **_moments_json(event.brake),
+        "doubt": event.doubt,
         "thumbnail": thumbnail,
     }
 

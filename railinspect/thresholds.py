@@ -43,12 +43,16 @@ class Thresholds:
         least_area_px: Least area, pixels.
         least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
         least_spacing_px: Where the rails are closer than this, things are too small to judge.
+        far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
+            only what hides the rails and stands across the centre line counts,
+        far_centre_m: reaching so far to both sides of it, metres.
         least_foot_px: Least width of the foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
         overhang_m: What meets the ground's image less than this above the foot of something it
             hangs together with is a part of that (an arm, a signal's head), metres,
-        overhang_width_m: unless it is wider than this, metres.
+        overhang_width_m: unless it is wider than this or farther aside: a log behind a railing
+            meets the ground's image above the railing's near end too. Metres.
         inside_share: Least share of the foot line that lies inside the envelope, unless it is
             ``wide_m`` wide inside it.
         wide_m: Metres inside the envelope that count whatever lies outside.
@@ -96,6 +100,8 @@ class Thresholds:
     least_area_px: float = 14.0
     least_confidence: float = 0.50
     least_spacing_px: float = 5.0
+    far_spacing_px: float = 9.0
+    far_centre_m: float = 0.3
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5

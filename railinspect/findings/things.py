@@ -209,7 +209,8 @@ def _base(
         if np.ptp(feet[part, 0]) > limits.overhang_width_m * metre:
             continue  # too wide for an arm
         aside = float(np.abs(feet[near, 0] - feet[part, 0]).min()) / metre
-        near_enough = (base - bottom) / metre < limits.overhang_m and aside < limits.overhang_m
+        near_enough = (base - bottom) / metre < limits.overhang_m
+        near_enough &= aside < limits.overhang_width_m
         if near_enough and (best is None or base > best[0]):
             best = (base, other)
     return None if best is None else best[1]
@@ -242,6 +243,11 @@ def _judge(
     across = float(np.interp(range_m, path.chainage_m, path.across_px))
     spacing_px = 2.0 * across * float(np.interp(range_m, path.chainage_m, path.half_m))
     if len(inside) < limits.least_foot_px * scale or spacing_px < limits.least_spacing_px * scale:
+        return None
+    far = spacing_px < limits.far_spacing_px * scale
+    hides = any(not gap.continued for gap in track.gaps)  # the rails end where they should go on
+    across_both = lateral.min() < -limits.far_centre_m and lateral.max() > limits.far_centre_m
+    if far and not (hides and across_both):
         return None
     if deep < limits.deep_m or deep * across < limits.deep_px * scale:
         return None

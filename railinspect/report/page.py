@@ -246,6 +246,10 @@ def _brake_by(event: Json) -> str:
 
 
 def _advice(event: Json) -> str:
+    if event.get("doubt"):
+        return (
+            f'<span class="badge s-unknown">doubtful</span><small>{escape(event["doubt"])}</small>'
+        )
     if event["advice"] is None:
         return "–"
     action = escape(event["advice"])

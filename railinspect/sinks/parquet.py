@@ -16,6 +16,7 @@ _TEXT: Final = (
     "type",
     "advice",
     "advice_reason",
+    "doubt",
     "service_by",
     "emergency_by",
     "thumbnail",

@@ -48,6 +48,24 @@ class Centres:
 
 
 @numba.njit(cache=True)
+def _nearest_run(profile: Array, size: int, expected: float, count: int) -> int:
+    """The top of the run nearest to ``expected`` among those at least half as high as any."""
+    most = 0.0
+    for k in range(size):
+        most = max(most, profile[k])
+    at, nearest = count, 1e9
+    for k in range(size):
+        value = profile[k]
+        rises = k == 0 or value >= profile[k - 1]
+        falls = k == size - 1 or value >= profile[k + 1]
+        # The tie goes to the middle, the same for both hands; a higher run may lie a little off.
+        away = abs(k - expected) + 1e-6 * abs(k - count) + 4.0 * (1.0 - value / (most + 1e-9))
+        if rises and falls and value >= 0.5 * most and away < nearest - 1e-9:
+            at, nearest = k, away
+    return at
+
+
+@numba.njit(cache=True)
 def _measure(
     score: npt.NDArray[np.uint8],
     cam: Array,
@@ -67,6 +85,7 @@ def _measure(
     uv: Array,
 ) -> None:
     raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
+    before = np.zeros(2)  # each rail's offset one row nearer, metres
     for i in range(path.shape[0]):
         x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
         nx, ny = -math.sin(psi), math.cos(psi)
@@ -111,15 +130,12 @@ def _measure(
                 raw[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
             for k in range(size):
                 profile[k] = (raw[max(0, k - 1)] + 2 * raw[k] + raw[min(size - 1, k + 1)]) / 4
-            best, at = -1.0, count
-            for k in range(size):
-                e = (k - count) / count
-                value = profile[k] - 0.2 * e * e
-                if value > best + 1e-12 or (
-                    abs(value - best) <= 1e-12 and abs(k - count) < abs(at - count)
-                ):
-                    best, at = value, k
+            # At a switch two rails lie in reach and either may be the brighter one: take the run
+            # nearest to where the rail is expected, half-way between path and last row.
+            expected = count + 0.5 * before[rail] * metre / step
+            at = _nearest_run(profile, size, expected, count)
             high = profile[at]
+            before[rail] *= 0.8
             if high < low:
                 peak[i, rail] = high
                 continue
@@ -138,7 +154,7 @@ def _measure(
             for k in range(size):
                 if (k < first - 3 or k > last + 3) and profile[k] > beside:
                     beside = profile[k]
-            offset[i, rail] = shift / metre
+            offset[i, rail] = before[rail] = shift / metre
             peak[i, rail] = high
             width[i, rail] = (last - first + 1) * step
             other[i, rail] = beside / high

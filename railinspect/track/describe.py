@@ -36,6 +36,9 @@ STOPS = {
 
 _FIT_STEP_M = 0.3
 
+_OTHER_RAIL_M = 0.08
+"""What a measured place may be off at a switch before the smooth track's is drawn instead."""
+
 
 @dataclass(frozen=True)
 class Description:
@@ -52,6 +55,7 @@ class Description:
         rows: Share of the rows between bottom and horizon the track spans.
         cover: Share of those rows in which each rail was seen, the poorer rail's.
         contrast: Mean rail probability on the rails less that between them.
+        at_switch: Another track's rail lies close beside one of ours somewhere.
     """
 
     camera: Camera
@@ -64,6 +68,7 @@ class Description:
     rows: float
     cover: float
     contrast: float
+    at_switch: bool
 
 
 def describe(
@@ -92,7 +97,8 @@ def describe(
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
     doubtful = _doubtful(centres, seen, scale)
-    doubtful |= _switch(centres, settings)[:, None]
+    switch = _switch(centres, settings)
+    doubtful |= switch[:, None]
     smooth, residual = _smooth(
         level, centres, seen, doubtful, scale, settings.stiffness(calibrated)
     )
@@ -109,7 +115,10 @@ def describe(
     profile = RailProfile(
         path.chainage_m[:m], residual, metre, centres.peak, doubtful, centres.uv, noise
     )
-    left, right = _polylines(level.camera, centres, places, seen)
+    off_px = np.abs(np.nan_to_num(residual)) * metre[:, None]
+    # What lies off the smooth track beside another rail is that other rail.
+    other = doubtful & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
+    left, right = _polylines(level.camera, centres, places, seen & ~other)
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0
     cover = min(
@@ -129,6 +138,7 @@ def describe(
         rows,
         cover,
         _contrast(growth, centres),
+        bool(switch.any()),
     )
 
 

@@ -13,6 +13,7 @@ from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, VOID
 from railinspect.track import growing
 from railinspect.track.begin import Line
+from railinspect.track.branches import Branch, find_branches
 from railinspect.track.centres import Centres, measure_centres
 from railinspect.track.describe import STOPS, Description, describe
 from railinspect.track.geometry import (
@@ -105,7 +106,13 @@ class TrackFollower:
             self._state = self._after_loss(state)
             tilted = replace(camera, pitch_rad=Level(camera, home.row_px).pitch_rad)
             return nothing_followed(tilted, STOPS[growing.NO_BEGIN], calibrated)
-        return self._finish(*settled, lines, state, calibrated)
+        branches: tuple[Branch, ...] = ()
+        if settled[1].at_switch:
+            best = settled[0]
+            branches = find_branches(
+                segmentation.rail_score, best.level, best.growth, self._settings
+            )
+        return self._finish(*settled, lines, branches, state, calibrated)
 
     # Set-up of a frame
 
@@ -187,6 +194,7 @@ class TrackFollower:
         found: Description,
         measured: tuple[float, float, Array] | None,
         lines: list[Line],
+        branches: tuple[Branch, ...],
         state: FollowerState,
         calibrated: bool,
     ) -> TrackGeometry:
@@ -208,6 +216,8 @@ class TrackFollower:
             reason = f"a rail is seen in only {found.cover:.0%} of the rows; {reason}"
         elif not followed and found.contrast < settings.followed_contrast:
             reason = "the rails do not stand out from the ground between them"
+        if branches:
+            reason += f"; {_assumed(branches[0])}"
         nodes = best.growth.nodes
         curvature = float(nodes[min(6, best.growth.last - 1), growing.KAPPA])
         new = replace(state, pair=best.pair, vanishing_px=vanishing, curvature=curvature, lost=0)
@@ -234,6 +244,7 @@ class TrackFollower:
             horizon_std_px=best.horizon.row_std_px,
             calibrated=calibrated,
             support=best.growth.support,
+            branches=branches,
         )
 
     def _learnt(
@@ -261,6 +272,15 @@ class TrackFollower:
         if lost <= 4 * self._settings.lost_frames:
             return replace(state, lost=lost, pair=None, vanishing_px=None, curvature=0.0)
         return FollowerState(size_wh=state.size_wh, index=state.index)
+
+
+def _assumed(branch: Branch) -> str:
+    """Which path was assumed at a switch, in words."""
+    other = "right" if branch.side == "left" else "left"
+    return (
+        f"a track parts to the {branch.side} at {branch.from_m:.0f} m, the path to the {other} of "
+        "it is assumed"
+    )
 
 
 def _check(segmentation: SegmentationLike) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.camera import Camera
+from railinspect.track.branches import Branch
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -138,6 +139,8 @@ class TrackGeometry:
         horizon_std_px: Standard deviation of this frame's horizon row, pixels.
         calibrated: Whether the camera was given, not guessed.
         support: Mean rail probability along both rails, 0..1.
+        branches: Tracks that part from this one ahead, nearest first: this one is assumed to be
+            the train's path, and ``reason`` says so.
     """
 
     followed: bool
@@ -154,6 +157,7 @@ class TrackGeometry:
     horizon_std_px: float
     calibrated: bool
     support: float
+    branches: tuple[Branch, ...] = ()
 
 
 def nothing_followed(camera: Camera, reason: str, calibrated: bool) -> TrackGeometry:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from railinspect.boxes import boxes_touch, iou
@@ -261,9 +261,20 @@ def test_overlap_is_symmetric_and_bounded(first, second):
     assert iou(first, first) == pytest.approx(1)
 
 
+def at(values: dict[int, float], rest: float = 0.0) -> list[float]:
+    """Forty-five values: those given by index, all others ``rest``."""
+    return [values.get(i, rest) for i in range(45)]
+
+
 @given(
     st.lists(st.floats(-0.1, 0.1), min_size=45, max_size=45),
     st.lists(st.booleans(), min_size=45, max_size=45),
+)
+@example(  # one bad range led the prediction astray
+    at({25: -0.09765625, 27: 0.078125, 28: 0.03125}), [i == 26 for i in range(45)]
+)
+@example(  # errors that last for frames and then turn are no independent draws
+    at({i: 0.1 if i // 5 % 2 else -0.1 for i in range(45)}), [i > 30 for i in range(45)]
 )
 def test_noise_and_drop_outs_never_make_two_of_one(noise, dropped):
     """Whatever ±10 % range noise and single drop-outs do, one obstacle is never two events."""
@@ -291,3 +302,71 @@ def test_the_order_of_findings_within_a_frame_does_not_matter(data):
         for r in (first, second)
     ]
     assert summary[0] == summary[1]
+
+
+# Doubt
+
+
+def steady(ride: Ride, frames: int, range_m: float = 10.0, type_: str = "obstruction", **rest):
+    """Something that keeps its distance, a little unsteadily."""
+    for index in range(frames):
+        update = ride.show(seen(range_m + 0.1 * (-1) ** index, type_, **rest))
+    return update
+
+
+def test_what_keeps_its_distance_at_speed_is_doubtful_but_never_dropped():
+    ride = Ride()
+    (event,) = steady(ride, 40).live
+    assert event.id == 1
+    assert event.doubt is not None
+    assert "keeps its distance of 10 m" in event.doubt
+    assert [e.doubt for e in ride.events()] == [event.doubt]
+
+
+def test_doubt_ends_as_soon_as_it_comes_nearer():
+    ride = Ride()
+    assert steady(ride, 30, 60.0, std_share=0.01).live[0].doubt
+    start = ride.chainage_m()
+    while (range_m := 60.0 - (ride.chainage_m() - start)) > 20:
+        update = ride.show(seen(range_m, std_share=0.01))
+    assert update.live[0].doubt is None
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "seen_mps", "doubtful"),
+    [(20.0, None, True), (None, 20.0, True), (None, None, False), (5.0, None, False)],
+)
+def test_doubt_needs_a_speed_at_which_nobody_runs(speed_mps, seen_mps, doubtful):
+    tracker = EventTracker()
+    for frame in range(40):
+        update = tracker.update(
+            frame, frame / RATE_HZ, (seen(10.0),), speed_mps, VANISHING, seen_mps
+        )
+    assert bool(update.live[0].doubt) == doubtful
+
+
+def test_a_long_distortion_and_what_the_picture_cuts_off_are_not_doubted():
+    ride = Ride()
+    assert steady(ride, 30, type_="distortion").live[0].doubt is None
+    cut = EventTracker()
+    box = (250.0, 200.0, 390.0, 359.0)
+    for frame in range(30):
+        sighting = Sighting("obstruction", 0.9, box, 5.0, 0.2, (4.6, 5.4), whole=False)
+        update = cut.update(frame, frame / RATE_HZ, (sighting,), 20.0, VANISHING)
+    assert update.live[0].doubt is None
+
+
+@given(
+    st.lists(st.floats(-0.1, 0.1), min_size=45, max_size=45),
+    st.lists(st.booleans(), min_size=45, max_size=45),
+)
+@example(  # a slope of errors as steep as they get
+    at({i: 0.1 - 0.2 * max(0, 20 - i) / 20 for i in range(45)}), [False] * 45
+)
+def test_what_stands_on_the_track_is_never_doubted(noise, dropped):
+    ride = Ride()
+    for index in range(45):
+        range_m = 90.0 - ride.chainage_m()
+        hidden = dropped[index] and index % 2 == 0
+        update = ride.show(*([] if hidden else [seen(range_m * (1 + noise[index]))]))
+        assert [e for e in update.live if e.doubt] == []

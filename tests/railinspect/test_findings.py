@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -112,6 +113,19 @@ def test_what_hangs_over_the_track_is_no_obstacle() -> None:
     marks[horizon - 60 : horizon - 50, 150:500] = labels.POLE  # a gantry's beam
     marks[: horizon - 50, 318:321] = labels.POLE  # a wire down to it
     assert judge(dataclasses.replace(masks, labels=marks), camera())[1] == ()
+
+
+def test_a_log_that_runs_into_a_railing_beside_the_track_is_an_obstacle() -> None:
+    masks = draw(camera(), 0.0, things=[Thing(labels.CONSTRUCTION, 24.0, -1.2, 2.6, 0.4)])
+    marks = masks.labels.copy()
+    ahead = np.arange(24.0, 6.0, -0.2)
+    rail = np.stack([ahead, np.full_like(ahead, -2.55), np.zeros_like(ahead)], axis=1)
+    uv = np.round(camera().project(rail)).astype(int)
+    uv[:, 1] = 360 - np.round((360 - uv[:, 1]) * np.linspace(1.0, 0.0, len(uv))).astype(int)
+    for (u, v), (_, end) in pairwise(uv):
+        marks[v : min(end, 359) + 1, u : u + 3] = labels.FENCE
+    _, found = judge(dataclasses.replace(masks, labels=marks), camera())
+    assert [f.type for f in found] == ["obstruction"]
 
 
 def test_a_mast_in_front_of_the_curve_behind_it_is_no_obstacle() -> None:

@@ -44,6 +44,22 @@ def test_a_person_ahead_becomes_one_event_with_its_range():
     assert event.thumbnail_jpeg[:2] == b"\xff\xd8"
 
 
+def test_what_keeps_its_distance_at_speed_is_unknown_and_no_obstacle():
+    inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
+    records = [inspector(frame) for frame in frames([paint([12.0])] * 25)]
+    last = records[-1]
+    assert len(last.findings) == 1
+    assert last.status == "unknown"
+    assert last.reason is not None
+    assert "keeps its distance" in last.reason
+    assert last.advice is not None
+    assert last.advice.action == "service"  # doubt, not an emergency stop for a reflection
+    (event,) = inspector.finish()
+    assert event.doubt is not None
+    unmoved = Inspector(read_paint, CAMERA)  # the picture shows no motion either
+    assert [unmoved(frame).status for frame in frames([paint([12.0])] * 25)][-1] == "finding"
+
+
 def test_a_clear_track_is_clear_and_needs_no_advice():
     inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
     record = inspector.feed(Frame(0, 0.0, paint()))

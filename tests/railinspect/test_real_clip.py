@@ -39,12 +39,12 @@ def run(tmp_path_factory) -> Path:
 def test_every_frame_is_inspected_and_nearly_all_are_followed(run):
     counts = json.loads((run / "run.json").read_text())["counts"]
     assert counts["frames"] == 500
-    assert counts["followed_fraction"] >= 0.90
+    assert counts["followed_fraction"] >= 0.95
 
 
-def test_a_clear_track_raises_at_most_two_events(run):
+def test_a_clear_track_raises_no_event(run):
     events = list(read_json_lines(run / "events.jsonl"))
-    assert len(events) <= 2, [(e["type"], e["first_time_s"], e["first_range_m"]) for e in events]
+    assert events == [], [(e["type"], e["first_time_s"], e["first_range_m"]) for e in events]
 
 
 @pytest.mark.parametrize("index", [200, 330, 470])
@@ -58,4 +58,4 @@ def test_rails_lie_where_they_were_marked(run, index):
         rail = np.array(record["rails"][side])
         assert rail[0, 1] <= 200
         error = np.abs(np.interp(marked[:, 1], rail[:, 1], rail[:, 0]) - marked[:, 0])
-        assert np.median(error) <= 3.0, side
+        assert np.median(error) <= 2.0, side

@@ -125,6 +125,49 @@ def test_a_turnout_does_not_capture() -> None:
     assert np.quantile(error, 0.9) < 2.5
 
 
+@pytest.mark.parametrize(("hand", "side"), [(1, "left"), (-1, "right")])
+def test_a_track_that_parts_is_kept_and_the_assumed_path_is_said(hand: int, side: str) -> None:
+    cam = camera()
+    masks = draw(cam, 0.0)
+    other = draw(cam, lambda s: np.where((s > 8) & (s < 40), hand / 190, 0.0))
+    score = np.maximum(masks.rail_score, other.rail_score)
+    geometry = follow(dataclasses.replace(masks, rail_score=score), cam)
+    assert geometry.followed
+    (branch,) = geometry.branches
+    # Which leg is taken for the path is open; the other one is the branch, on its side.
+    straight = float(np.median(rail_error_px(geometry, cam, 0.0))) < 1.0
+    assert branch.side == (side if straight else {"left": "right", "right": "left"}[side])
+    assert f"parts to the {branch.side}" in (geometry.reason or "")
+    assert 15 < branch.from_m < 30
+    assert branch.support > 0.4
+
+
+def test_parallel_tracks_and_curves_are_no_branches() -> None:
+    cam = camera()
+    for curvature, others in ((1 / 300, ()), (0.0, (4.2, -4.2)), (1 / 500, (3.8,))):
+        assert follow(draw(cam, curvature, others_m=others), cam).branches == ()
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+def test_a_rail_beside_that_is_brighter_in_some_rows_does_not_pull_ours_over(hand: int) -> None:
+    """Where two tracks part, both rails lie in reach of the search for some rows."""
+    cam = camera()
+    masks = draw(cam, 0.0)
+    branch = draw(cam, lambda s: np.where(s > 6, hand / 190, 0.0))
+    flicker = np.random.default_rng(2).uniform(0.6, 1.0, (2, 360, 1))
+    planes = np.stack([masks.rail_score, branch.rail_score]) * flicker
+    score = planes.max(axis=0).astype(np.uint8)
+    follower = TrackFollower(cam)
+    follower.update(masks)  # which of the two tracks is ours is known from before
+    geometry = follower.update(dataclasses.replace(masks, rail_score=score))
+    assert geometry.followed
+    error = rail_error_px(geometry, cam, 0.0)
+    right = geometry.right_uv
+    spacing = np.interp(geometry.left_uv[:, 1], right[:, 1], right[:, 0]) - geometry.left_uv[:, 0]
+    metre = np.maximum(spacing, 1.0) / cam.rail_spacing_m
+    assert (error < 1.5 + 0.05 * metre).all()  # the other rail's head touches ours for a while
+
+
 def test_a_hole_is_crossed_and_reported() -> None:
     cam = camera()
     masks = draw(cam, 0.0)
