@@ -72,6 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_inspect(commands)
     _add_scenes(commands)
+    _add_ranging(commands)
     _add_verify(commands)
     return parser
 
@@ -266,6 +267,12 @@ def _add_scenes(commands: Any) -> None:
     from railinspect.scenes_command import add_scenes
 
     add_scenes(commands, _command)
+
+
+def _add_ranging(commands: Any) -> None:
+    from railinspect.ranging_commands import add_ranging
+
+    add_ranging(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

@@ -34,6 +34,8 @@ class RangingSettings:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
+        stands_on_m: Height of what all things stand on against the rail tops, metres, where that
+            is known; None judges it by what surrounds each foot.
         extent_std_px: Standard deviation of a thing's height or width.
         scale: What the fit of the track's scale expects.
         gradient_std: Standard deviation of the gradient at the camera against the plane assumed.
@@ -44,6 +46,7 @@ class RangingSettings:
 
     foot_std_px: float = 0.8
     foot_along_m: float = 0.15
+    stands_on_m: float | None = None
     extent_std_px: float = 1.5
     scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
     gradient_std: float = GRADIENT_STD
@@ -137,7 +140,9 @@ class FrameRanging:
         if finding.foot_uv[1] >= track.camera.size_wh[1] - 1:
             return _at_most(fused)
         if fused.std_m > settings.worst_rel * fused.range_m:
-            return Absent(f"its error of {fused.std_m / fused.range_m:.0%} is beyond what is useful")
+            return Absent(
+                f"its error of {fused.std_m / fused.range_m:.0%} is beyond what is useful"
+            )
         if fused.noise_m > settings.worst_noise_rel * fused.range_m:
             return Absent(
                 f"its noise of {fused.noise_m / fused.range_m:.0%} is beyond the reliable range"
@@ -220,7 +225,11 @@ class FrameRanging:
 
     def _level(self, finding: Finding, metre_px: float) -> tuple[float, float]:
         """Height of what the thing stands on against the rail tops, and its deviation, metres."""
+        if self._settings.stands_on_m is not None:
+            return self._settings.stands_on_m, 0.0
         level, level_std = ground_level(self._labels, finding.foot_uv, metre_px)
+        if self._labels is None:
+            return level, level_std
         wide_m = (finding.box_xyxy[2] - finding.box_xyxy[0]) / metre_px
         if wide_m < self._given.rail_spacing_m or self._class_of(finding) in WHEELED:
             return level, level_std

@@ -80,12 +80,16 @@ def calibrate_boards(
     """The same from grey pictures, each with its name."""
     across, down = corners_wh
     if across < 3 or down < 3:
-        raise BadInputError(f"a board of {across}x{down} inner corners is too small; use 3x3 or more")
+        raise BadInputError(
+            f"a board of {across}x{down} inner corners is too small; use 3x3 or more"
+        )
     if not (math.isfinite(square_m) and square_m > 0):
         raise BadInputError(f"square_m is {square_m}; give the side of a square in metres")
     sizes = {image.shape for _, image in pictures}
     if len(sizes) > 1:
-        raise BadInputError(f"the pictures differ in size: {sorted(sizes)}; one camera has one size")
+        raise BadInputError(
+            f"the pictures differ in size: {sorted(sizes)}; one camera has one size"
+        )
     found = [(name, _corners(image, corners_wh)) for name, image in pictures]
     used = [(name, corners) for name, corners in found if corners is not None]
     if len(used) < 3:

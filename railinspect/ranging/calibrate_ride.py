@@ -18,8 +18,8 @@ import numpy.typing as npt
 from railinspect.camera import Camera, CameraStd
 from railinspect.errors import BadInputError
 from railinspect.ranging.ground_level import BED_M
-from railinspect.track.geometry import SegmentationLike, TrackGeometry
 from railinspect.track.follower import TrackFollower
+from railinspect.track.geometry import SegmentationLike, TrackGeometry
 from railinspect.track.level import Level
 
 Array = npt.NDArray[np.float64]
@@ -171,7 +171,7 @@ class RideCalibrator:
         values = grey[near][::-1] if s[0] < s[-1] else grey[near]
         grid = np.linspace(inverse[0], inverse[-1], _PHASES)
         even = np.interp(grid, inverse, values)
-        even = (even - np.convolve(np.pad(even, 24, mode="edge"), np.ones(49) / 49, "valid"))
+        even = even - np.convolve(np.pad(even, 24, mode="edge"), np.ones(49) / 49, "valid")
         even *= np.hanning(_PHASES) / (even.std() + 1e-9)
         height = (self._gauge + 0.072) / growth - BED_M
         angle = 2j * math.pi * np.outer(self._focals * height / self._sleeper, grid)

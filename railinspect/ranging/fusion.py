@@ -144,7 +144,7 @@ def interval(range_m: float, rel: float) -> tuple[float, float]:
 def _covariance(errors: Sequence[Mapping[str, float]]) -> Array:
     causes = sorted({cause for e in errors for cause in e})
     loading = np.array([[e.get(cause, 0.0) for cause in causes] for e in errors])
-    return loading @ loading.T
+    return np.asarray(loading @ loading.T, np.float64)
 
 
 def _weights(covariance: Array) -> Array:
@@ -158,5 +158,5 @@ def _weights(covariance: Array) -> Array:
         if (solved >= 0).all() or len(some) == 1:
             weight = np.zeros(count)
             weight[some] = np.maximum(solved, 0.0)
-            return weight / weight.sum()
+            return np.asarray(weight / weight.sum(), np.float64)
         kept[some[int(np.argmin(solved))]] = False

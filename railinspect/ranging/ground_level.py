@@ -44,7 +44,9 @@ def ground_level(
     u, v = float(foot_uv[0]), round(float(foot_uv[1]))
     half = max(1.2 * metre_px, 3.0)
     first, last = max(0, round(u - half)), min(width, round(u + half) + 1)
-    around = labels[min(v, height) : min(height, v + max(2, round(0.06 * metre_px)) + 1), first:last]
+    around = labels[
+        min(v, height) : min(height, v + max(2, round(0.06 * metre_px)) + 1), first:last
+    ]
     count = np.bincount(around.ravel(), minlength=256)
     raised, embedded = int(count[RAIL_RAISED]), int(count[RAIL_EMBEDDED])
     surface, bed = int(count[list(_SURFACE)].sum()), int(count[list(_BED)].sum())

@@ -53,9 +53,7 @@ class ShutterSensor:
             if not (math.isfinite(value) and value > 0):
                 raise BadInputError(f"sensor {name} is {value}; give a positive number")
         if self.lens not in ("angle-linear", "pinhole"):
-            raise BadInputError(
-                f"sensor lens is {self.lens!r}; give 'angle-linear' or 'pinhole'"
-            )
+            raise BadInputError(f"sensor lens is {self.lens!r}; give 'angle-linear' or 'pinhole'")
 
     @property
     def centre_uv(self) -> tuple[float, float]:
@@ -85,7 +83,7 @@ def blur_range_error(range_m: float, base_m: float, step_rad: float) -> float:
 
 
 def lateral_speed(range_m: float, shift_px: float, rows: float, sensor: ShutterSensor) -> float:
-    """v = D·tan(s·β)/(h·t_c), (14), m/s; with a pinhole lens tan(s·β) becomes s·β.
+    """V = D·tan(s·β)/(h·t_c), (14), m/s; with a pinhole lens tan(s·β) becomes s·β.
 
     Args:
         range_m: Distance D of the stripe, metres, > 0.
@@ -177,7 +175,9 @@ def closing_speed(
         raise BadInputError("a base between two beacons has no width; are left and right swapped?")
     upper, lower = corners_uv[:2, 1].mean(), corners_uv[2:, 1].mean()
     if lower - upper < 2:
-        raise BadInputError("both bases lie in the same rows; the shutter shows no time between them")
+        raise BadInputError(
+            "both bases lie in the same rows; the shutter shows no time between them"
+        )
     ranges = beacons.base_m / widths
     errors = ranges / widths * step_px * math.sqrt(2) * sensor.pixel_rad
     return finite_difference(

@@ -39,7 +39,7 @@ def finite_difference(
     second_std_m: float = 0.0,
     interval_std_s: float = 0.0,
 ) -> Speed:
-    """v = (D₁ − D₂)/Δt, (1), with σ_v by (9); without a timing error that is (10).
+    """V = (D₁ − D₂)/Δt, (1), with σ_v by (9); without a timing error that is (10).
 
     Only noise belongs in the standard deviations: a bias (a wrong size) changes both ranges alike
     and the speed by its own proportion, see :func:`speed_bias`.
@@ -61,7 +61,9 @@ def finite_difference(
         (2.0, 0.9)
     """
     if not (math.isfinite(interval_s) and interval_s > 0):
-        raise BadInputError(f"interval_s is {interval_s}; a speed needs time to pass between ranges")
+        raise BadInputError(
+            f"interval_s is {interval_s}; a speed needs time to pass between ranges"
+        )
     speed = (first_m - second_m) / interval_s
     return Speed(
         speed,
@@ -175,9 +177,7 @@ class MotionFilter:
         """The latest state; None before the first range."""
         return self._motion
 
-    def update(
-        self, time_s: float, range_m: float, noise_m: float, bias_m: float = 0.0
-    ) -> Motion:
+    def update(self, time_s: float, range_m: float, noise_m: float, bias_m: float = 0.0) -> Motion:
         """Take in one range.
 
         Args:

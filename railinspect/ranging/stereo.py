@@ -1,4 +1,4 @@
-"""Range from a rectified stereo pair: disparity by semi-global matching, then D = l·f/p (001, 3)."""
+"""Range from a rectified stereo pair: semi-global matching, then D = l·f/p (001, 3)."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def region_range(
         )
     inside = int(np.count_nonzero(region))
     values = disparity.disparity_px[region]
-    values = np.sort(values[np.isfinite(values)].astype(float))
+    values = np.sort(values[np.isfinite(values)])
     if inside == 0 or len(values) < max(4, settings.least_share * inside):
         return Absent("too little of the region could be matched between left and right")
     dense = _densest_half(values)
@@ -157,12 +157,12 @@ def region_range(
     )
 
 
-def _densest_half(values: Array) -> Array:
+def _densest_half(values: npt.NDArray[np.float32]) -> Array:
     """The half of sorted values that lies in the shortest interval."""
     half = (len(values) + 1) // 2
     widths = values[half - 1 :] - values[: len(values) - half + 1]
     first = int(np.argmin(widths))
-    return values[first : first + half]
+    return values[first : first + half].astype(np.float64)
 
 
 def _grey(image: Image) -> Image:
@@ -204,7 +204,7 @@ def _search(left: Image, right: Image, settings: StereoSettings) -> npt.NDArray[
     most = min(settings.most_px, max(16, left.shape[1] - settings.block_px))
     count = -(-most // 16) * 16
     area = settings.block_px**2
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=count,
         blockSize=settings.block_px,
@@ -227,7 +227,7 @@ def _swapped(left: Image, right: Image, settings: StereoSettings) -> bool:
     """Whether the pair matches far better the other way round; judged on small pictures."""
     scale = min(1.0, 320.0 / left.shape[1])
     small = [
-        cv2.resize(i, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        np.asarray(cv2.resize(i, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         for i in (left, right)
     ]
     reach = StereoSettings(most_px=max(16, int(settings.most_px * scale)), block_px=5)

@@ -60,14 +60,13 @@ class StereoCamera:
     def noise_m(self, disparity_px: npt.ArrayLike, disparity_std_px: npt.ArrayLike) -> Array:
         """Standard deviation of the range from the disparity's, metres: Z²/(f·l_T)·σ_d."""
         z = self.range_m(disparity_px)
-        return np.asarray(z**2 / (self.focal_px * self.baseline_m) * disparity_std_px, np.float64)
+        std = np.asarray(disparity_std_px, float)
+        return np.asarray(z**2 / (self.focal_px * self.baseline_m) * std, np.float64)
 
     def bias_m(self, disparity_px: npt.ArrayLike) -> Array:
         """Standard deviation of the range from the calibration, metres."""
         z = self.range_m(disparity_px)
-        scale = math.hypot(
-            self.focal_std_px / self.focal_px, self.baseline_std_m / self.baseline_m
-        )
+        scale = math.hypot(self.focal_std_px / self.focal_px, self.baseline_std_m / self.baseline_m)
         far = z / (self.focal_px * self.baseline_m) * self.offset_std_px
         return np.asarray(z * np.hypot(scale, far), np.float64)
 
@@ -135,6 +134,7 @@ def _numbers(path: Path, entries: dict[str, str], name: str, count: int) -> Arra
         raise BadInputError(f"{path}: entry {name!r} holds no numbers: {error}") from error
     if len(values) != count or not np.isfinite(values).all():
         raise BadInputError(
-            f"{path}: entry {name!r} must hold {count} finite numbers, not {entries[name].strip()!r}"
+            f"{path}: entry {name!r} must hold {count} finite numbers, not "
+            f"{entries[name].strip()!r}"
         )
     return values

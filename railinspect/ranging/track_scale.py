@@ -193,9 +193,7 @@ def fit_scale(track: TrackGeometry, settings: ScaleSettings | None = None) -> Tr
     if hidden.any():
         far = min(far, float(_GRID_M[np.argmax(hidden)]))
     chainage = _chainages(level, track, slope_t, pitch)
-    return TrackScale(
-        level, pitch, solution, covariance, slope_t, chainage, far, scatter, len(x)
-    )
+    return TrackScale(level, pitch, solution, covariance, slope_t, chainage, far, scatter, len(x))
 
 
 def _solve(
@@ -213,7 +211,7 @@ def _solve(
         ]
     )
     prior = np.diag(prior_std**-2.0)
-    solution = expected
+    solution: Array = expected
     robust = np.ones_like(x)
     scale, correlated = 1.0, settings.correlated_rows
     gram = prior
@@ -223,7 +221,7 @@ def _solve(
         weight = robust / (scale * sigma_t) ** 2 / correlated
         weighted = design * weight[:, None]
         gram = weighted.T @ design + prior
-        solution = np.linalg.solve(gram, weighted.T @ t + prior @ expected)
+        solution = np.asarray(np.linalg.solve(gram, weighted.T @ t + prior @ expected), np.float64)
         normal = (t - design @ solution) / sigma_t
         scale = max(1.0, 1.4826 * float(np.median(np.abs(normal))))
         robust = 1.0 / (1.0 + (normal / (2.5 * scale)) ** 2)
@@ -268,4 +266,5 @@ def _chainages(level: Level, track: TrackGeometry, slope_t: Array, pitch: float)
     stretch = np.sqrt(1.0 + slope**2) - 1.0
     steps = np.diff(_GRID_M) * 0.5 * (stretch[1:] + stretch[:-1])
     start = _GRID_M[0] * (1.0 + stretch[0])
-    return start + (_GRID_M - _GRID_M[0]) + np.concatenate([[0.0], np.cumsum(steps)])
+    longer = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(start + (_GRID_M - _GRID_M[0]) + longer, np.float64)
