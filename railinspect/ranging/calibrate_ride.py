@@ -172,7 +172,9 @@ class RideCalibrator:
         grid = np.linspace(inverse[0], inverse[-1], _PHASES)
         even = np.interp(grid, inverse, values)
         even = even - np.convolve(np.pad(even, 24, mode="edge"), np.ones(49) / 49, "valid")
-        even *= np.hanning(_PHASES) / (even.std() + 1e-9)
+        if even.std() < 0.3:  # grey levels: too dark, too bright or out of focus
+            return None
+        even *= np.hanning(_PHASES) / even.std()
         height = (self._gauge + 0.072) / growth - BED_M
         angle = 2j * math.pi * np.outer(self._focals * height / self._sleeper, grid)
         power = np.abs(np.exp(angle) @ even) ** 2

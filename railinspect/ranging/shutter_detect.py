@@ -71,7 +71,7 @@ def find_stripe(image: Image, sensor: ShutterSensor, least_rows: int = 20) -> St
         raise BadInputError("no stripe stands out from the picture")
     bright = np.where(grey > 0.35 * high, grey, 0.0)
     total = bright.sum(axis=1)
-    rows = np.flatnonzero(total > 0.6 * np.median(total[total > 0]))
+    rows = np.flatnonzero(total > 0.3 * np.median(total[total > 0]))
     if len(rows) < least_rows:
         raise BadInputError(f"the stripe is seen in {len(rows)} rows; it takes {least_rows}")
     columns = np.arange(image.shape[1]) - sensor.centre_uv[0]
