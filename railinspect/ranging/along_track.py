@@ -45,7 +45,7 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
-    foot_along_m: float = 0.15
+    foot_along_m: float = 0.08
     stands_on_m: float | None = None
     extent_std_px: float = 1.5
     scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
@@ -230,10 +230,11 @@ class FrameRanging:
         level, level_std = ground_level(self._labels, finding.foot_uv, metre_px)
         if self._labels is None:
             return level, level_std
-        wide_m = (finding.box_xyxy[2] - finding.box_xyxy[0]) / metre_px
-        if wide_m < self._given.rail_spacing_m or self._class_of(finding) in WHEELED:
+        left, top, right, bottom = finding.box_xyxy
+        bar = right - left > max(self._given.rail_spacing_m * metre_px, 4.0 * (bottom - top))
+        if not bar or self._class_of(finding) in WHEELED:
             return level, level_std
-        # What is longer than the gauge may lie across the rails.
+        # A trunk or a pole longer than the gauge may lie across the rails.
         return 0.5 * level, math.hypot(level_std, 0.3 * level)
 
     def _class_of(self, finding: Finding) -> int:
