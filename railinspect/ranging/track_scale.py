@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -210,35 +211,70 @@ def _solve(
             np.full(len(KNOTS_M), settings.curvature_std),
         ]
     )
-    prior = np.diag(prior_std**-2.0)
-    solution: Array = expected
-    robust = np.ones_like(x)
-    scale, correlated = 1.0, settings.correlated_rows
-    gram = prior
+    # σ_t = h_inc·σ_q and σ_q = q·σ_p/p; h_inc = h to first order.
+    sigma_t = height_m * sigma_px / (x * apart)
+    solution, covariance, scale = _robust(
+        design, t, sigma_t, expected, prior_std**-2.0, settings.correlated_rows
+    )
+    return solution, covariance, scale * float(np.median(sigma_px))
+
+
+@numba.njit(cache=True)
+def _robust(
+    design: Array, t: Array, sigma: Array, expected: Array, prior: Array, least: float
+) -> tuple[Array, Array, float]:
+    """Least squares with Cauchy weights and priors; solution, covariance and scatter over σ."""
+    rows, size = design.shape
+    solution = expected.copy()
+    gram = np.zeros((size, size))
+    robust = np.ones(rows)
+    normal = np.zeros(rows)
+    scale, correlated = 1.0, least
     for _ in range(4):
-        # σ_t = h_inc·σ_q and σ_q = q·σ_p/p; h_inc = h to first order.
-        sigma_t = height_m * sigma_px / (x * apart)
-        weight = robust / (scale * sigma_t) ** 2 / correlated
-        weighted = design * weight[:, None]
-        gram = weighted.T @ design + prior
-        solution = np.asarray(np.linalg.solve(gram, weighted.T @ t + prior @ expected), np.float64)
-        normal = (t - design @ solution) / sigma_t
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(normal))))
-        robust = 1.0 / (1.0 + (normal / (2.5 * scale)) ** 2)
-        correlated = max(settings.correlated_rows, _correlation(normal))
-    scatter = scale * float(np.median(sigma_px))
-    return solution, np.asarray(np.linalg.inv(gram), np.float64), scatter
+        gram[:] = 0.0
+        right = prior * expected
+        for i in range(rows):
+            weight = robust[i] / ((scale * sigma[i]) ** 2 * correlated)
+            for a in range(size):
+                part = weight * design[i, a]
+                right[a] += part * t[i]
+                for b in range(a + 1):
+                    gram[a, b] += part * design[i, b]
+        for a in range(size):
+            for b in range(a):
+                gram[b, a] = gram[a, b]
+            gram[a, a] += prior[a]
+        solution = np.linalg.solve(gram, right).astype(np.float64)
+        for i in range(rows):
+            model = 0.0
+            for a in range(size):
+                model += design[i, a] * solution[a]
+            normal[i] = (t[i] - model) / sigma[i]
+        scale = max(1.0, 1.4826 * np.median(np.abs(normal)))
+        for i in range(rows):
+            robust[i] = 1.0 / (1.0 + (normal[i] / (2.5 * scale)) ** 2)
+        correlated = max(least, _correlation(normal))
+    return solution, np.linalg.inv(gram).astype(np.float64), scale
 
 
+@numba.njit(cache=True)
 def _correlation(normal: Array, most: int = 40) -> float:
     """Rows that count as one: 1 + 2·Σ of the residuals' autocorrelation up to its first zero."""
-    r = np.clip(normal - np.median(normal), -4.0, 4.0)
-    power = float(r @ r)
-    if power <= 0 or len(r) < 3 * most:
+    rows = normal.shape[0]
+    middle = np.median(normal)
+    r = np.empty(rows)
+    power = 0.0
+    for i in range(rows):
+        r[i] = min(4.0, max(-4.0, normal[i] - middle))
+        power += r[i] * r[i]
+    if power <= 0.0 or rows < 3 * most:
         return 1.0
     total = 1.0
     for lag in range(1, most):
-        rho = float(r[lag:] @ r[:-lag]) / power
+        rho = 0.0
+        for i in range(lag, rows):
+            rho += r[i] * r[i - lag]
+        rho /= power
         if rho <= 0.05:
             break
         total += 2.0 * rho
