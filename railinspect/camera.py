@@ -72,6 +72,17 @@ class Camera:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise BadInputError(f"camera {name} is {value}; give a positive number")
+        angles = (self.pitch_rad, self.roll_rad, self.yaw_rad)
+        others = (*self.principal_uv, *self.distortion, *angles, self.offset_m)
+        if not all(math.isfinite(value) for value in others):
+            raise BadInputError(
+                "camera principal point, distortion, angles and offset must be finite numbers"
+            )
+        for name, value in asdict(self.std).items():
+            if not (math.isfinite(value) and value >= 0):
+                raise BadInputError(
+                    f"camera standard deviation of {name} is {value}; give a number of at least 0"
+                )
         if not abs(self.pitch_rad) < math.pi / 3 or not abs(self.roll_rad) < math.pi / 3:
             raise BadInputError(
                 f"camera pitch_rad {self.pitch_rad} and roll_rad {self.roll_rad} must lie within "

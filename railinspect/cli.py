@@ -75,6 +75,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_scenes(commands)
     _add_anomalies(commands)
     _add_evaluate(commands)
+    _add_ranging(commands)
     _add_verify(commands)
     return parser
 
@@ -310,6 +311,12 @@ def _add_evaluate(commands: Any) -> None:
     from railinspect.evaluate_command import add_evaluate
 
     add_evaluate(commands, _command)
+
+
+def _add_ranging(commands: Any) -> None:
+    from railinspect.ranging_commands import add_ranging
+
+    add_ranging(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

@@ -18,7 +18,8 @@ from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
 from railinspect.journey import Journey
-from railinspect.ranging import Range, range_of
+from railinspect.ranging import Absent, FrameRanging, Motion, MotionFilter, Range
+from railinspect.ranging.independent import last_independent
 from railinspect.records import FrameRecord, LocatedFinding, Status
 from railinspect.segmenter import Segmenter
 from railinspect.speed_log import SpeedLog
@@ -59,7 +60,7 @@ class Steps:
 
     follower: Callable[[Camera | None], TrackFollower] = TrackFollower
     find: Callable[[SegmentationLike, TrackGeometry, Thresholds], tuple[Finding, ...]] = find
-    range_of: Callable[[Finding, TrackGeometry, Camera], Range | None] = range_of
+    range_of: Callable[[FrameRanging, Finding], Range | Absent | None] = FrameRanging.measure
     decide: Callable[..., Advice] = decide
 
 
@@ -110,6 +111,7 @@ class Inspector:
         self._follower: TrackFollower | None = None
         self._size_wh = (0, 0)
         self._ended: list[Event] = []
+        self._motions: dict[int, MotionFilter] = {}
 
     @property
     def speed_mps(self) -> float | None:
@@ -149,7 +151,7 @@ class Inspector:
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
         findings = self._steps.find(segmentation, track, self._thresholds)
-        ranges = [_sound(self._steps.range_of(f, track, track.camera)) for f in findings]
+        ranges, reasons = self._ranged(findings, track, segmentation)
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
         sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
@@ -169,8 +171,11 @@ class Inspector:
         sure = [i for i in update.ids if i not in doubtful]
         if findings and not sure:
             doubt = doubt or next(iter(doubtful.values()))
+        motions = self._follow(frame.time_s, ranges, update.ids)
+        self._motions = {e.id: self._motions[e.id] for e in update.live if e.id in self._motions}
         located = tuple(
-            LocatedFinding(*parts) for parts in zip(findings, ranges, update.ids, strict=True)
+            LocatedFinding(*parts)
+            for parts in zip(findings, ranges, update.ids, reasons, motions, strict=True)
         )
         status: Status = "finding" if sure else "unknown" if doubt else "clear"
         return FrameRecord(
@@ -220,6 +225,44 @@ class Inspector:
             return None
         return self._motion.update(frame, track)
 
+    def _ranged(
+        self,
+        findings: tuple[Finding, ...],
+        track: TrackGeometry,
+        segmentation: SegmentationLike,
+    ) -> tuple[list[Range | None], list[str | None]]:
+        """Each finding's range, or why there is none."""
+        if not findings:
+            return [], []
+        ranging = FrameRanging(track, segmentation=segmentation)
+        measured = [self._steps.range_of(ranging, finding) for finding in findings]
+        ranges = [_sound(m) if isinstance(m, Range) else None for m in measured]
+        reasons = [m.reason if isinstance(m, Absent) else None for m in measured]
+        return ranges, reasons
+
+    def _follow(
+        self,
+        time_s: float,
+        ranges: list[Range | None],
+        ids: tuple[int | None, ...],
+    ) -> list[Motion | None]:
+        """Closing speeds of confirmed events; the nearest finding of an event leads."""
+        motions: list[Motion | None] = []
+        for distance, event_id in zip(ranges, ids, strict=True):
+            if event_id is None or distance is None or distance.range_m <= 0:
+                motions.append(None)
+                continue
+            nearest = min(
+                r.range_m for r, i in zip(ranges, ids, strict=True) if i == event_id and r
+            )
+            if distance.range_m > nearest:
+                motions.append(None)
+                continue
+            known = self._motions.setdefault(event_id, MotionFilter())
+            noise = max(distance.noise_m, 0.01 * distance.range_m)
+            motions.append(known.update(time_s, distance.range_m, noise, distance.bias_m))
+        return motions
+
     @staticmethod
     def _why_unknown(frame: Frame, track: TrackGeometry) -> str | None:
         if frame.damaged:
@@ -251,12 +294,13 @@ class Inspector:
         return max(advised, key=_severity, default=None)
 
     def _measurements(self, event: Event, time_s: float) -> list[RangeMeasurement]:
-        """The event's ranges of the last second, or the statement that it has none."""
+        """The event's last independent ranges of this second, or that it has none."""
         seen = self._events.ranges_since(event.id, time_s - DECISION_S)
         if not seen:
             nothing = (math.nan, math.nan)
             return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
-        return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in seen]
+        taken = last_independent(seen, max(self._policy.measurements, 1))
+        return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in taken]
 
     def _note_place(self, event_id: int, measured: RangeMeasurement, time_s: float) -> None:
         """Keep where on the line the best of an event's measurements so far puts it.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from railinspect.events import Event
     from railinspect.findings import Finding
-    from railinspect.ranging import Range
+    from railinspect.ranging import Motion, Range
     from railops.braking import Advice, BrakeMoments, RangeMeasurement
 
 Status = Literal["clear", "finding", "unknown"]
@@ -28,11 +28,15 @@ class LocatedFinding:
         finding: What was found and where in the image.
         range: Distance along the track; None beyond the reliable range.
         event_id: Id of its event; None while the event is not confirmed.
+        range_reason: Why there is no range; None where there is one.
+        motion: Filtered range and closing speed of its event; None while there are none.
     """
 
     finding: Finding
     range: Range | None
     event_id: int | None
+    range_reason: str | None = None
+    motion: Motion | None = None
 
 
 @dataclass(frozen=True)
@@ -87,12 +91,13 @@ class FrameRecord:
             "reach_m": number(self.reach_m, 2),
             "speed_mps": number(self.speed_mps, 3),
             "speed_error_mps": number(self.speed_error_mps, 3),
-            "findings": [_finding_json(found) for found in self.findings],
+            "findings": [located_json(found) for found in self.findings],
             "advice": advice_json(self.advice),
         }
 
 
-def _finding_json(found: LocatedFinding) -> dict[str, Any]:
+def located_json(found: LocatedFinding) -> dict[str, Any]:
+    """A finding with its range, its instruments and its motion as a JSON object."""
     finding, distance = found.finding, found.range
     return {
         "type": finding.type,
@@ -103,8 +108,31 @@ def _finding_json(found: LocatedFinding) -> dict[str, Any]:
         "range_std_m": number(distance.std_m, 2) if distance else None,
         "range_interval_m": interval(distance.interval_m if distance else None),
         "range_method": distance.method if distance else None,
+        "range_reason": found.range_reason,
+        "range_noise_m": number(distance.noise_m, 2) if distance else None,
+        "range_bias_m": number(distance.bias_m, 2) if distance else None,
+        "instruments": [
+            {
+                "method": reading.method,
+                "range_m": number(reading.range_m, 2),
+                "std_m": number(reading.std_m, 2),
+                "agrees": reading.agrees,
+            }
+            for reading in (distance.readings if distance else ())
+        ],
+        **_motion_json(found.motion),
         "event_id": found.event_id,
         "evidence": finding.evidence,
+    }
+
+
+def _motion_json(motion: Motion | None) -> dict[str, Any]:
+    """Closing speed (m/s, positive when nearing) and time to reach (s), as far as known."""
+    closing = None if motion is None else motion.closing
+    return {
+        "closing_mps": None if closing is None else number(closing.speed_mps, 2),
+        "closing_std_mps": None if closing is None else number(closing.std_mps, 2),
+        "time_to_reach_s": None if motion is None else number(motion.time_to_reach_s, 2),
     }
 
 

@@ -1,4 +1,4 @@
-"""Range of a finding along the track, from the gauge at its foot and from the ground plane."""
+"""Range of a finding along the track: every instrument that sees it, combined."""
 
 from __future__ import annotations
 
@@ -6,40 +6,257 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from railinspect.camera import Camera
 from railinspect.findings import Finding, place_on_track
-from railinspect.ranging.fusion import Estimate, Range, combine
-from railinspect.ranging.ground_plane import GRADIENT_STD
-from railinspect.track.geometry import TrackGeometry
+from railinspect.labels import HUMAN
+from railinspect.ranging.fusion import Absent, Estimate, Range, combine
+from railinspect.ranging.ground_level import ground_level
+from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
+from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
+from railinspect.ranging.track_scale import ScaleSettings, TrackScale, fit_scale
+from railinspect.track.geometry import SegmentationLike, TrackGeometry
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class RangingSettings:
     """Errors that no calibration states, and the limits of what is reliable.
 
-    Pixel lengths are those of a 640 pixels wide image and scale with the width.
+    Pixel lengths are those of a 640 pixels wide image and scale with the width, because the
+    shipped network sees the image at that width; for masks of the image's own resolution give
+    :meth:`sharp`.
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
-        spacing_std_px: Standard deviation of the rails' spacing, smoothed along the track.
-        foot_m: Height of the ground a thing stands on above the rail tops, metres: between the
-            sleeper's top or the ballast (−0.2) and a crossing's surface (0).
-        foot_std_m: Its standard deviation.
-        gradient_std: Standard deviation of the mean gradient between camera and foot.
+        foot_along_m: Standard deviation of where along the track the visible foot lies against
+            the thing's near end: a stride, a slanting log, a rounded stone.
+        stands_on_m: Height of what all things stand on against the rail tops, metres, where that
+            is known; None judges it by what surrounds each foot.
+        extent_std_px: Standard deviation of a thing's height or width.
+        scale: What the fit of the track's scale expects.
+        gradient_std: Standard deviation of the gradient at the camera against the plane assumed.
         least_spacing_px: Where the rails are closer than this there is no range.
         worst_rel: Where the relative standard deviation exceeds this there is no range.
-        worst_noise_rel: The same for the part that comes from the foot's row alone.
+        worst_noise_rel: The same for noise alone.
     """
 
     foot_std_px: float = 0.8
-    spacing_std_px: float = 0.35
-    foot_m: float = -0.15
-    foot_std_m: float = 0.06
+    foot_along_m: float = 0.08
+    stands_on_m: float | None = None
+    extent_std_px: float = 1.5
+    scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
     gradient_std: float = GRADIENT_STD
     least_spacing_px: float = 3.5
     worst_rel: float = 0.45
     worst_noise_rel: float = 0.15
+
+    @staticmethod
+    def sharp(width_px: int) -> RangingSettings:
+        """For masks that are true to the pixel at the image's own width."""
+        pixel = 640.0 / width_px
+        return RangingSettings(
+            foot_std_px=0.45 * pixel,
+            extent_std_px=pixel,
+            least_spacing_px=3.5 * pixel,
+            scale=ScaleSettings(spacing_std_px=0.5 * pixel),
+        )
+
+
+class FrameRanging:
+    """Ranges of one frame's findings; the track's scale is fitted once for all of them.
+
+    Args:
+        track: The track of the frame.
+        camera: Camera whose standard deviations to use; by default the track's own, which is the
+            one to use unless a better calibration of the same camera is at hand.
+        segmentation: Masks of the frame: what surrounds a foot says how high it stands, and the
+            class of a thing how large it is. Without them both are guessed, with wider errors.
+        settings: Errors and limits.
+    """
+
+    def __init__(
+        self,
+        track: TrackGeometry,
+        camera: Camera | None = None,
+        segmentation: SegmentationLike | None = None,
+        settings: RangingSettings | None = None,
+    ) -> None:
+        self._track = track
+        given = camera if camera is not None else track.camera
+        same = given.size_wh == track.camera.size_wh
+        self._given = given if same else given.resized(track.camera.size_wh)
+        self._labels = None if segmentation is None else segmentation.labels
+        self._settings = settings or RangingSettings()
+        self._scale: TrackScale | None = fit_scale(track, self._settings.scale)
+
+    @property
+    def scale(self) -> TrackScale | None:
+        """The fitted row-to-range scale; None where too little of the track is seen."""
+        return self._scale
+
+    def measure(self, finding: Finding) -> Range | Absent:
+        """Range of a finding along the track, or the reason why there is none.
+
+        The track's scale and the ground plane both turn the foot's row into a distance, and what
+        is known of the thing's size is a third opinion. What they share (focal length, foot row,
+        height of the ground under the foot) stays correlated.
+
+        Returns:
+            The range; where the foot lies below the image's bottom, its upper limit with an
+            interval that begins at 0; or the reason why there is none.
+        """
+        track, settings = self._track, self._settings
+        path = track.path
+        if path is None:
+            return Absent("no track was found, so there is no scale")
+        px = track.camera.size_wh[0] / 640.0
+        plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+        if not (math.isfinite(plane_m) and plane_m > 0):
+            return Absent("the foot lies at or above the horizon")
+        if plane_m > float(path.chainage_m[-1]):
+            return Absent("the foot lies beyond the track that is seen")
+        across = float(np.interp(plane_m, path.chainage_m, path.across_px))
+        half = float(np.interp(plane_m, path.chainage_m, path.half_m))
+        spacing_px = 2.0 * half * across
+        if spacing_px < settings.least_spacing_px * px:
+            return Absent(
+                f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
+            )
+        metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
+        # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
+        level, level_std = (0.0, 0.0)
+        if finding.type != "distortion":
+            level, level_std = self._level(finding, metre)
+        plane = self._by_plane(plane_m, level, level_std)
+        gauge = self._by_gauge(finding, level, level_std)
+        # A size is an opinion beside the rails', never in place of it: what is half hidden looks
+        # smaller and so farther than it is.
+        size = None if gauge is None else self._by_size(finding)
+        fused = combine([e for e in (gauge, plane, size) if e is not None])
+        if finding.foot_uv[1] >= track.camera.size_wh[1] - 1:
+            return _at_most(fused)
+        if fused.std_m > settings.worst_rel * fused.range_m:
+            return Absent(
+                f"its error of {fused.std_m / fused.range_m:.0%} is beyond what is useful"
+            )
+        if fused.noise_m > settings.worst_noise_rel * fused.range_m:
+            return Absent(
+                f"its noise of {fused.noise_m / fused.range_m:.0%} is beyond the reliable range"
+            )
+        return fused
+
+    def _by_gauge(self, finding: Finding, level_m: float, level_std_m: float) -> Estimate | None:
+        """The rails' spacing, over the whole track, at the foot's row."""
+        foot = None if self._scale is None else self._scale.at(finding.foot_uv, level_m)
+        if foot is None:
+            return None
+        given, settings = self._given, self._settings
+        px = given.size_wh[0] / 640.0
+        return Estimate(
+            "gauge",
+            foot.range_m,
+            {
+                "row": settings.foot_std_px * px * foot.row_rel_per_px,
+                "along": settings.foot_along_m / foot.range_m,
+                "spacing": foot.fit_rel,
+            },
+            {
+                "focal": given.std.focal_px / given.focal_px,
+                "gauge": given.std.gauge_m / given.rail_spacing_m,
+                "level": level_std_m * foot.slope_per_m,
+            },
+        )
+
+    def _by_plane(self, plane_m: float, level_m: float, level_std_m: float) -> Estimate:
+        """The camera's height over the plane of the rails, at the frame's horizon."""
+        track, given, settings = self._track, self._given, self._settings
+        px = given.size_wh[0] / 640.0
+        height = track.camera.height_m
+        below = track.camera.focal_px * height / plane_m
+        # A calibrated height is its own error; a height measured from the gauge is the gauge's.
+        if track.calibrated:
+            height_error = {"height": given.std.height_m / given.height_m}
+        else:
+            height_error = {"gauge": given.std.gauge_m / given.rail_spacing_m}
+        slope = math.hypot(settings.gradient_std, 0.5 * VERTICAL_CURVATURE_STD * plane_m)
+        return Estimate(
+            "ground plane",
+            plane_m * (height - level_m) / height,
+            {
+                "row": settings.foot_std_px * px / below,
+                "along": settings.foot_along_m / plane_m,
+                "horizon": track.horizon_std_px / below,
+                "plane": slope * plane_m / height,
+            },
+            {
+                "focal": given.std.focal_px / given.focal_px,
+                "level": level_std_m / height,
+                **height_error,
+            },
+        )
+
+    def _by_size(self, finding: Finding) -> Estimate | None:
+        """What is known of the thing's size."""
+        kind = HUMAN if finding.type == "trespasser" else self._class_of(finding)
+        known = KNOWN_SIZES.get(kind) if finding.type != "distortion" else None
+        if known is None:
+            return None
+        left, top, right, bottom = finding.box_xyxy
+        width, height = self._given.size_wh
+        if left <= 1 or top <= 1 or right >= width - 2 or bottom >= height - 2:
+            return None  # cut off by the image's edge
+        extent = (bottom - top if known.upright else right - left) + 1.0
+        px = width / 640.0
+        if extent < 6.0 * px:
+            return None
+        return Estimate(
+            known.name,
+            known.size_m * self._given.focal_px / extent,
+            {"extent": self._settings.extent_std_px * px / extent},
+            {
+                "size": known.std_m / known.size_m,
+                "focal": self._given.std.focal_px / self._given.focal_px,
+            },
+        )
+
+    def _level(self, finding: Finding, metre_px: float) -> tuple[float, float]:
+        """Height of what the thing stands on against the rail tops, and its deviation, metres."""
+        if self._settings.stands_on_m is not None:
+            return self._settings.stands_on_m, 0.0
+        level, level_std = ground_level(self._labels, finding.foot_uv, metre_px)
+        if self._labels is None:
+            return level, level_std
+        left, top, right, bottom = finding.box_xyxy
+        bar = right - left > max(self._given.rail_spacing_m * metre_px, 4.0 * (bottom - top))
+        if not bar or self._class_of(finding) in WHEELED:
+            return level, level_std
+        # A trunk or a pole longer than the gauge may lie across the rails.
+        return 0.5 * level, math.hypot(level_std, 0.3 * level)
+
+    def _class_of(self, finding: Finding) -> int:
+        """Commonest class in the lower half of the finding's box; −1 without masks."""
+        if self._labels is None:
+            return -1
+        left, top, right, bottom = (round(value) for value in finding.box_xyxy)
+        inside = self._labels[(top + bottom) // 2 : bottom + 1, left : right + 1]
+        return int(np.bincount(inside.ravel(), minlength=1).argmax()) if inside.size else -1
+
+
+def _at_most(fused: Range) -> Range:
+    """The foot lies below the image: all that is known is an upper limit."""
+    return Range(
+        fused.range_m,
+        fused.range_m / 2,
+        (0.0, fused.interval_m[1]),
+        f"below the image, {fused.method}",
+        fused.noise_m,
+        fused.range_m / 2,
+        fused.readings,
+    )
 
 
 def range_of(
@@ -48,86 +265,10 @@ def range_of(
     camera: Camera | None = None,
     settings: RangingSettings | None = None,
 ) -> Range | None:
-    """Range of a finding along the track.
-
-    Two instruments see the same foot row. The ground plane turns it into a distance with the
-    camera's height and horizon. The gauge corrects that distance by how far apart the rails look
-    there: D = f·spacing/w needs neither height nor horizon and so follows gradients. What they
-    share (focal length, foot row, height of the ground under the foot) stays correlated.
-
-    Args:
-        finding: What to range.
-        track: The track it was found on.
-        camera: Camera whose standard deviations to use; by default the track's own, which is the
-            one to use unless a better calibration of the same camera is at hand.
-        settings: Errors and limits.
+    """Range of a single finding; see :class:`FrameRanging`, which serves all of a frame.
 
     Returns:
-        The range; where the foot lies below the image's bottom, its upper limit with an interval
-        that begins at 0; or None beyond the reliable range: foot at or above the horizon, rails at
-        the foot closer than ``least_spacing_px``, or the error above ``worst_rel`` in all or
-        ``worst_noise_rel`` from the foot's row.
+        The range, or None beyond the reliable range.
     """
-    settings = settings or RangingSettings()
-    path = track.path
-    if path is None:
-        return None
-    seen_by = track.camera
-    given = camera if camera is not None else seen_by
-    if given.size_wh != seen_by.size_wh:
-        given = given.resized(seen_by.size_wh)
-    scale = seen_by.size_wh[0] / 640.0
-    chainage, _, _ = place_on_track(track, finding.foot_uv[None, :])
-    plane_m = float(chainage[0])
-    if not math.isfinite(plane_m) or plane_m <= 0 or plane_m > float(path.chainage_m[-1]):
-        return None
-    half = float(np.interp(plane_m, path.chainage_m, path.half_m))
-    metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
-    across = float(np.interp(plane_m, path.chainage_m, path.across_px))
-    spacing_px = 2.0 * half * metre
-    if 2.0 * half * across < settings.least_spacing_px * scale:
-        return None
-    height = seen_by.height_m
-    below = seen_by.focal_px * height / plane_m
-    # On the rails a thing's foot is at their height; elsewhere on the bed below them.
-    on_rails = finding.type == "distortion"
-    foot_m = 0.0 if on_rails else settings.foot_m
-    lower = (height - foot_m) / height
-    foot_rel = 0.0 if on_rails else settings.foot_std_m / height
-    row_rel = settings.foot_std_px * scale / below
-    focal_rel = given.std.focal_px / given.focal_px
-    gauge_rel = given.std.gauge_m / given.rail_spacing_m
-    shared = {"focal": focal_rel, "row": row_rel, "foot": foot_rel}
-    # A calibrated height is its own error; a height measured from the gauge is the gauge's.
-    height_rel = given.std.height_m / given.height_m
-    height_error = {"height": height_rel} if track.calibrated else {"gauge": gauge_rel}
-    plane = Estimate(
-        "ground plane",
-        plane_m * lower,
-        {
-            **shared,
-            **height_error,
-            "horizon": track.horizon_std_px / below,
-            "plane": settings.gradient_std * plane_m / height,
-        },
-    )
-    gauge = Estimate(
-        "gauge",
-        plane_m * lower * given.rail_spacing_m / (2.0 * half),
-        {
-            # The row counts here too: a foot a row lower is measured against wider rails.
-            **shared,
-            "gauge": gauge_rel,
-            "spacing": settings.spacing_std_px * scale / spacing_px,
-        },
-    )
-    fused = combine([gauge, plane])
-    if finding.foot_uv[1] >= seen_by.size_wh[1] - 1:
-        # The foot lies below the image: all that is known is an upper limit.
-        upper = fused.interval_m[1]
-        return Range(
-            fused.range_m, fused.range_m / 2, (0.0, upper), f"below the image, {fused.method}"
-        )
-    if fused.std_m > settings.worst_rel * fused.range_m or row_rel > settings.worst_noise_rel:
-        return None
-    return fused
+    found = FrameRanging(track, camera, settings=settings).measure(finding)
+    return found if isinstance(found, Range) else None

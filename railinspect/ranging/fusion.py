@@ -4,12 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 
 Z95 = 1.959963984540054
 """97.5 % quantile of the standard normal distribution."""
+
+AGREE_STD = 3.0
+"""An instrument agrees with the result if it lies within this many standard deviations of it."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one instrument said.
+
+    Attributes:
+        method: Name of the instrument.
+        range_m: Its range, metres.
+        std_m: Its standard deviation, metres.
+        agrees: Whether it lies within ``AGREE_STD`` of the combined range.
+    """
+
+    method: str
+    range_m: float
+    std_m: float
+    agrees: bool
 
 
 @dataclass(frozen=True)
@@ -21,12 +44,25 @@ class Range:
         std_m: Standard deviation, metres.
         interval_m: 95 % interval, metres; wider upwards, because errors are relative.
         method: Instruments that took part.
+        noise_m: The part of ``std_m`` that differs from frame to frame and averages out.
+        bias_m: The part that stays (sizes, focal length, height) and never averages out.
+        readings: What each instrument said by itself.
     """
 
     range_m: float
     std_m: float
     interval_m: tuple[float, float]
     method: str
+    noise_m: float = 0.0
+    bias_m: float = 0.0
+    readings: tuple[Reading, ...] = ()
+
+
+@dataclass(frozen=True)
+class Absent:
+    """No range, and why."""
+
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -39,13 +75,20 @@ class Estimate:
     Attributes:
         method: Name of the instrument.
         range_m: Range, metres, > 0.
-        errors: Relative standard deviation by cause; the sign is that of its effect, so that a
-            cause that lengthens one estimate and shortens another is counted as such.
+        errors: Noise: relative standard deviation by cause; the sign is that of its effect, so
+            that a cause that lengthens one estimate and shortens another is counted as such.
+        biases: The same for causes that stay the same from frame to frame.
     """
 
     method: str
     range_m: float
     errors: Mapping[str, float]
+    biases: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def rel(self) -> float:
+        """Relative standard deviation of all causes together."""
+        return math.hypot(*self.errors.values(), *self.biases.values())
 
 
 def combine(estimates: Sequence[Estimate]) -> Range:
@@ -59,26 +102,61 @@ def combine(estimates: Sequence[Estimate]) -> Range:
         estimates: At least one.
 
     Example:
-        >>> one = Estimate("a", 100.0, {"own a": 0.1, "shared": 0.05})
-        >>> two = Estimate("b", 100.0, {"own b": 0.1, "shared": 0.05})
-        >>> round(combine([one, two]).std_m, 3)  # √(0.1²/2 + 0.05²) of 100 m
-        8.66
+        >>> one = Estimate("a", 100.0, {"own a": 0.1}, {"shared": 0.05})
+        >>> two = Estimate("b", 100.0, {"own b": 0.1}, {"shared": 0.05})
+        >>> both = combine([one, two])
+        >>> round(both.std_m, 3), round(both.bias_m, 3)  # √(0.1²/2 + 0.05²) of 100 m
+        (8.66, 5.0)
     """
-    causes = sorted({cause for e in estimates for cause in e.errors})
-    loading = np.array([[e.errors.get(cause, 0.0) for cause in causes] for e in estimates])
-    covariance = loading @ loading.T
-    log_range = np.log([e.range_m for e in estimates])
-    count = len(estimates)
-    ridge = 1e-12 * np.eye(count)
-    weight = np.linalg.solve(covariance + ridge, np.ones(count))
-    weight = np.clip(weight / weight.sum(), 0.0, 1.0)
-    weight /= weight.sum()
+    noise = _covariance([e.errors for e in estimates])
+    bias = _covariance([e.biases for e in estimates])
+    covariance = noise + bias
+    log_range = np.array([math.log(e.range_m) for e in estimates])
+    weight = _weights(covariance)
     mean = float(weight @ log_range)
+    variance = float(weight @ covariance @ weight)
     # Instruments that disagree by more than their errors allow: widen to cover it.
     spread = float(weight @ (log_range - mean) ** 2)
-    expected = float(weight @ np.diag(covariance) - weight @ covariance @ weight)
-    sigma = math.sqrt(float(weight @ covariance @ weight) + max(0.0, spread - expected))
+    widened = max(0.0, spread - float(weight @ np.diag(covariance)) + variance)
+    sigma = math.sqrt(variance + widened)
     range_m = math.exp(mean)
-    interval = (range_m * math.exp(-Z95 * sigma), range_m * math.exp(Z95 * sigma))
-    used = [e.method for e, w in zip(estimates, weight, strict=True) if w > 0.02]
-    return Range(range_m, range_m * sigma, interval, "+".join(used))
+    apart = np.diag(covariance) - 2.0 * covariance @ weight + variance
+    agrees = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(np.maximum(apart, 1e-12))
+    return Range(
+        range_m,
+        range_m * sigma,
+        interval(range_m, sigma),
+        "+".join(e.method for e, w in zip(estimates, weight, strict=True) if w > 0.02),
+        range_m * math.sqrt(max(0.0, float(weight @ noise @ weight) + widened)),
+        range_m * math.sqrt(max(0.0, float(weight @ bias @ weight))),
+        tuple(
+            Reading(e.method, e.range_m, e.range_m * e.rel, bool(a))
+            for e, a in zip(estimates, agrees, strict=True)
+        ),
+    )
+
+
+def interval(range_m: float, rel: float) -> tuple[float, float]:
+    """95 % interval of a range whose logarithm has the standard deviation ``rel``, metres."""
+    return range_m * math.exp(-Z95 * rel), range_m * math.exp(Z95 * rel)
+
+
+def _covariance(errors: Sequence[Mapping[str, float]]) -> Array:
+    causes = sorted({cause for e in errors for cause in e})
+    loading = np.array([[e.get(cause, 0.0) for cause in causes] for e in errors])
+    return np.asarray(loading @ loading.T, np.float64)
+
+
+def _weights(covariance: Array) -> Array:
+    """Minimum-variance weights within 0 and 1: the most negative is dropped until none is."""
+    count = len(covariance)
+    kept = np.ones(count, bool)
+    ridge = 1e-12 * np.eye(count)
+    while True:
+        some = np.flatnonzero(kept)
+        solved = np.linalg.solve((covariance + ridge)[np.ix_(some, some)], np.ones(len(some)))
+        if (solved >= 0).all() or len(some) == 1:
+            weight = np.zeros(count)
+            weight[some] = np.maximum(solved, 0.0)
+            return np.asarray(weight / weight.sum(), np.float64)
+        kept[some[int(np.argmin(solved))]] = False

@@ -43,8 +43,12 @@ class PlaneRange:
         )
 
 
-GRADIENT_STD = 0.003
-"""Standard deviation of the mean gradient between camera and foot against that at the camera."""
+GRADIENT_STD = 0.001
+"""Standard deviation of the gradient at the camera against the plane the horizon stands for."""
+
+VERTICAL_CURVATURE_STD = 1.0e-4
+"""Standard deviation of a track's vertical curvature, 1/m: curves of 10 km radius are common,
+of 2 km rare. The mean gradient up to x differs from that at the camera by half of it times x."""
 
 
 def range_from_row(
@@ -56,7 +60,7 @@ def range_from_row(
     horizon_std_px: float = 0.0,
     height_std_m: float = 0.0,
     focal_std_px: float = 0.0,
-    gradient_std: float = GRADIENT_STD,
+    gradient_std: float = 0.003,
 ) -> PlaneRange:
     """Range of a point of the ground.
 
@@ -72,7 +76,7 @@ def range_from_row(
         horizon_std_px: Standard deviation of the horizon's row.
         height_std_m: Standard deviation of h.
         focal_std_px: Standard deviation of f.
-        gradient_std: Standard deviation of g.
+        gradient_std: Standard deviation of g, the mean gradient up to the point against the plane.
 
     Raises:
         BadInputError: if s, h or f is not positive and finite; a point at or above the horizon

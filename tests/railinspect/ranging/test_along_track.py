@@ -17,7 +17,7 @@ from railinspect.track import TrackFollower, TrackGeometry
 from tests.railinspect.synthetic_tracks import Thing, camera, draw
 
 # The synthetic things stand on the plane of the rail tops.
-ON_PLANE = RangingSettings(foot_m=0.0)
+ON_PLANE = RangingSettings(stands_on_m=0.0)
 
 
 def ranged(

@@ -1,0 +1,347 @@
+"""Ranging against truth: error by instrument and range band, and how often intervals hold it.
+
+Rendered rides of 1920×1080 with a focal length of 3000 px, 2.5 m above the rails, true masks
+(``--bundle`` adds the shipped network); rendered stereo pairs; a ride that calibrates its own
+camera; the rolling-shutter sensor; closing speed from one second of video; time per finding as
+processor time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.common import Measure, parser, publish
+from benchmarks.inspector import true_masks
+from railinspect.camera import Camera
+from railinspect.findings import Finding, find
+from railinspect.ranging import FrameRanging, MotionFilter, Range, RangingSettings
+from railinspect.ranging.calibrate_ride import RideCalibrator
+from railinspect.ranging.rolling_shutter import ShutterSensor, lateral_error
+from railinspect.ranging.shutter_detect import find_stripe
+from railinspect.ranging.shutter_scene import render_stripe
+from railinspect.ranging.stereo import StereoSettings, match
+from railinspect.ranging.stereo_camera import StereoCamera
+from railinspect.scenes import Ride, SceneSettings, demo_settings, render_stereo
+from railinspect.scenes import ground as g
+from railinspect.scenes.render import Rendered, SceneObject
+from railinspect.segmenter import Segmentation, Segmenter
+from railinspect.track import TrackFollower
+
+SIZE_WH = (1920, 1080)
+CAMERA = Camera(SIZE_WH, 3000.0, (959.5, 539.5), 2.5, pitch_rad=0.03)
+BANDS_M = ((8.0, 50.0), (50.0, 100.0), (100.0, 250.0))
+Segment = Callable[[Rendered], Segmentation]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Seen:
+    truth_m: float
+    range_m: float
+    inside: bool
+    readings: dict[str, float]
+
+
+def _ride(seed: int) -> Ride:
+    settings = SceneSettings(
+        size_wh=SIZE_WH, camera=CAMERA, kind="line", weather=False, min_radius_m=400.0
+    )
+    return Ride.plan(seed, settings, duration_s=60, anomalies="demo")
+
+
+def _object_of(finding: Finding, frame: Rendered, slack_px: float) -> SceneObject | None:
+    """The thing whose foot this is; distortions are stretches, not places."""
+    u, v = finding.foot_uv
+    for thing in frame.objects:
+        left, _, right, bottom = thing.box_xyxy
+        if not thing.on_track or thing.type == "distortion" or thing.range_m < BANDS_M[0][0]:
+            continue
+        if left - slack_px <= u <= right + slack_px and abs(bottom + 0.5 - v) <= slack_px:
+            return thing
+    return None
+
+
+def _ranged(
+    ride: Ride, index: int, segment: Segment, settings: RangingSettings | None, slack_px: float
+) -> Iterator[tuple[SceneObject, Range, float]]:
+    """Things found in a frame, their range, and the processor time it took, ms."""
+    frame = ride.frame(index)
+    masks = segment(frame)
+    follower = TrackFollower(ride.camera)
+    for _ in range(2):
+        track = follower.update(masks)
+    findings = find(masks, track)
+    start = time.process_time()
+    ranging = FrameRanging(track, segmentation=masks, settings=settings)
+    fitted_ms = 1e3 * (time.process_time() - start)
+    for finding in findings:
+        thing = _object_of(finding, frame, slack_px)
+        start = time.process_time()
+        found = ranging.measure(finding)
+        took_ms = 1e3 * (time.process_time() - start) + fitted_ms / len(findings)
+        if thing is not None and isinstance(found, Range):
+            yield thing, found, took_ms
+
+
+def _rides(
+    seeds: range, frames: int, segment: Segment, settings: RangingSettings | None, slack_px: float
+) -> tuple[list[_Seen], list[float]]:
+    seen, times = [], []
+    for seed in seeds:
+        ride = _ride(seed)
+        for index in np.linspace(10, len(ride) - 150, frames).astype(int):
+            for thing, found, took_ms in _ranged(ride, int(index), segment, settings, slack_px):
+                low, high = found.interval_m
+                readings = {r.method: r.range_m for r in found.readings}
+                holds = low <= thing.range_m <= high
+                seen.append(_Seen(thing.range_m, found.range_m, holds, readings))
+                times.append(took_ms)
+    return seen, times
+
+
+def _accuracy(name: str, seen: list[_Seen], bars: tuple[float, float]) -> list[Measure]:
+    measures = []
+    for low, high in BANDS_M:
+        band = [s for s in seen if low <= s.truth_m < high]
+        label = f"{name}, {low:.0f}–{high:.0f} m"
+        measures.append(Measure(f"{label}, measurements", len(band), ""))
+        if not band:
+            continue
+        instruments = sorted({method for s in band for method in s.readings})
+        for method in instruments:
+            errors = [abs(s.readings[method] / s.truth_m - 1) for s in band if method in s.readings]
+            measures.append(
+                Measure(f"{label}, {method} alone", 100 * statistics.median(errors), "%")
+            )
+        cover = 100 * sum(s.inside for s in band) / len(band)
+        measures.append(Measure(f"{label}, truth in the 95 % interval", cover, "%", 93, "higher"))
+    for (low, high), bar in zip(((8.0, 100.0), (100.0, 250.0)), bars, strict=True):
+        errors = [abs(s.range_m / s.truth_m - 1) for s in seen if low <= s.truth_m < high]
+        if errors:
+            error = 100 * statistics.median(errors)
+            measures.append(
+                Measure(f"{name}, {low:.0f}–{high:.0f} m, median error", error, "%", bar)
+            )
+    return measures
+
+
+def _closing(seeds: range) -> list[Measure]:
+    """One second of video, starting with the thing 75–95 m ahead."""
+    errors = []
+    settings = RangingSettings.sharp(SIZE_WH[0])
+    for seed in seeds:
+        ride = _ride(seed)
+        for thing in ride.planted:
+            first = math.ceil((thing.chainage_m - 88.0) / ride.speed_mps * ride.frame_rate)
+            if thing.type == "distortion" or first < 0:
+                continue
+            motions, motion = MotionFilter(), None
+            for index in range(first, first + 13):
+                for found, distance, _ in _ranged(ride, index, true_masks, settings, 6.0):
+                    if found.id == thing.id:
+                        motion = motions.update(
+                            index / ride.frame_rate,
+                            distance.range_m,
+                            distance.noise_m,
+                            distance.bias_m,
+                        )
+            if motion is not None and motion.time_s > (first + 10) / ride.frame_rate:
+                errors.append(motion.closing.speed_mps - ride.speed_mps)
+            break
+    if not errors:
+        return []
+    rms = math.sqrt(statistics.fmean(e**2 for e in errors))
+    return [
+        Measure("closing speed from 1 s at 88–68 m, RMS", rms, "m/s", 0.8),
+        Measure("closing speed, things", len(errors), ""),
+    ]
+
+
+def _stereo(seeds: range, real: Path | None) -> list[Measure]:
+    camera = Camera.from_field_of_view((1280, 720), math.radians(50.0), 2.6, pitch_rad=0.03)
+    settings = SceneSettings(size_wh=(1280, 720), camera=camera, kind="line", crowded=True)
+    pair = StereoCamera(camera.focal_px, 1.5, camera.principal_uv)
+    near, far = [], []
+    for seed in seeds:
+        left, right = render_stereo(seed, 1.5, settings)
+        found = pair.range_m(match(left.rgb, right.rgb, StereoSettings(most_px=256)).disparity_px)
+        error = np.abs(found / np.where(np.isfinite(left.depth_m), left.depth_m, np.nan) - 1)
+        for band, out in (((5.0, 100.0), near), ((100.0, 250.0), far)):
+            part = error[(left.depth_m >= band[0]) & (left.depth_m < band[1]) & np.isfinite(error)]
+            if len(part) > 50:
+                out.append(float(np.median(part)))
+    measures = [
+        Measure("stereo 1.5 m, 5–100 m, median error", 100 * statistics.median(near), "%", 1.0),
+        Measure("stereo 1.5 m, 100–250 m, median error", 100 * statistics.median(far), "%", 3.0),
+    ]
+    if real is not None:
+        measures += _real_pairs(real)
+    return measures
+
+
+def _real_pairs(real: Path) -> list[Measure]:
+    measures = []
+    cones = cv2.imdecode(
+        np.fromfile(real / "stereo_cones/disp_left.tif", np.uint8), cv2.IMREAD_UNCHANGED
+    )
+    scenes = (
+        ("playground", "im0.png", "im1.png", _pfm(real / "stereo_playground/disp0.pfm"), 128),
+        ("cones", "left.png", "right.png", cones, 64),
+    )
+    for name, left, right, truth, most in scenes:
+        pictures = [cv2.imread(str(real / f"stereo_{name}" / n), 0) for n in (left, right)]
+        found = match(*pictures, StereoSettings(most_px=most)).disparity_px
+        known = np.isfinite(truth) & (truth > 0)
+        error = np.abs(found - truth)[known & np.isfinite(found)]
+        share = 100 * len(error) / np.count_nonzero(known)
+        median = float(np.median(error))
+        measures += [
+            Measure(f"stereo_{name}, median disparity error", median, "px", 0.35),
+            Measure(f"stereo_{name}, bad 2.0 of matched", 100 * float((error > 2).mean()), "%", 10),
+            Measure(f"stereo_{name}, matched of known", share, "%", None, "higher"),
+        ]
+    return measures
+
+
+def _pfm(path: Path) -> np.ndarray:
+    with path.open("rb") as file:
+        file.readline()
+        width, height = (int(word) for word in file.readline().split())
+        order = "<f4" if float(file.readline()) < 0 else ">f4"
+        return np.frombuffer(file.read(), order).reshape(height, width)[::-1]
+
+
+def _calibration(seeds: tuple[int, ...]) -> list[Measure]:
+    errors = []
+    for seed in seeds:
+        ride = Ride.plan(seed, demo_settings(), duration_s=10)
+        pitch = float(ride.world.tracks[0][g.TRACK_SLEEPER_PITCH])
+        if pitch <= 0:
+            continue  # slab track has no sleepers
+        calibrator = RideCalibrator((640, 360), sleeper_m=pitch)
+        for index in range(0, len(ride), 3):
+            frame = ride.frame(index)
+            calibrator.update(true_masks(frame), frame.rgb)
+        found, truth = calibrator.result().camera, ride.camera
+        errors.append(
+            (
+                abs(found.focal_px / truth.focal_px - 1),
+                abs(found.height_m / truth.height_m - 1),
+                abs(found.pitch_rad - truth.pitch_rad),
+            )
+        )
+    focal, height, tilt = np.array(errors).max(axis=0)
+    return [
+        Measure("self-calibration from 10 s, worst focal length", 100 * focal, "%", 3.0),
+        Measure("self-calibration from 10 s, worst height", 100 * height, "%", 2.0),
+        Measure("self-calibration from 10 s, worst pitch", math.degrees(tilt), "°", 0.1),
+    ]
+
+
+def _shutter() -> list[Measure]:
+    sensor = ShutterSensor(size_wh=(1600, 1024))
+    rng = np.random.default_rng(0)
+    errors = []
+    for k in range(20):
+        roll = math.radians(1.0) * math.sin(2 * math.pi * 0.7 * 1.3 * k)
+        image = render_stripe(
+            sensor, 40 / 3.6, 1.0 + float(rng.uniform(0, 0.01)), rng, start_m=-0.45, roll_rad=roll
+        )
+        errors.append(find_stripe(image, sensor).speed(1.0, sensor).speed_mps - 40 / 3.6)
+    worst = max(abs(e) for e in errors)
+    formula = lateral_error(1.0, 796, 836, ShutterSensor(), 0.01, math.radians(1.0))
+    rms = math.sqrt(statistics.fmean(e**2 for e in errors))
+    return [
+        Measure("lateral speed at 40 km/h, worst of the simulation", worst, "m/s", 0.13),
+        Measure("lateral speed, RMS of the simulation", rms, "m/s"),
+        Measure("lateral speed, worst case by (16)", formula, "m/s", 0.13),
+    ]
+
+
+def plots(folder: Path) -> None:
+    """Table 1 and Fig. 6 as printed and with consistent units."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from railinspect.ranging import as_printed
+    from railinspect.ranging.goniometric import angle_error
+    from railinspect.ranging.rolling_shutter import blur_range_error
+
+    step = 0.47e-3
+    away = np.linspace(2.0, 20.0, 60)
+    pair = StereoCamera(1 / step, 2.5, (0.0, 0.0))
+    figure, (one, two) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
+    curves = {
+        "stereo, printed": ([as_printed.stereo_error(d, 2.5, 0.1, step) for d in away], "C0:"),
+        "stereo, consistent": (list(pair.noise_m(pair.focal_px * 2.5 / away, 1.0)), "C0-"),
+        "goniometer, printed": (
+            [as_printed.goniometer_error(d, 2.7, 0.1, step) for d in away],
+            "C1:",
+        ),
+        "goniometer, root sum square": (
+            [angle_error(d, 2.7, 0.1, step).std_m for d in away],
+            "C1-",
+        ),
+        "blur sensor": ([blur_range_error(d, 2.5, step) for d in away], "C2-"),
+    }
+    for name, (errors, style) in curves.items():
+        one.plot(away, errors, style, label=name)
+    one.set(xlabel="range, m", ylabel="error of the range, m", title="Table 1, all ranges")
+    one.set_yscale("log")
+    one.legend(fontsize=8)
+    for lens, style in (("angle-linear", "C2-"), ("pinhole", "C3--")):
+        sensor = ShutterSensor(lens=lens)  # type: ignore[arg-type]
+        speeds = np.linspace(0.5, 25.0, 60)
+        shifts = sensor.pixels(speeds * 836e-4)
+        errors = [lateral_error(1.0, float(s), 836, sensor) for s in shifts]
+        two.plot(speeds * 3.6, errors, style, label=f"(15), {lens}")
+        rolled = [lateral_error(1.0, float(s), 836, sensor, 0.01, math.radians(1)) for s in shifts]
+        two.plot(speeds * 3.6, rolled, style, alpha=0.5, label=f"(16), {lens}")
+    two.axhline(0.13, color="grey", lw=0.8)
+    two.set(xlabel="speed, km/h", ylabel="error of the speed, m/s", title="Figs. 6 and 7")
+    two.legend(fontsize=8)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / "ranging_paper.png", dpi=110)
+    plt.close(figure)
+
+
+def main() -> None:
+    arguments = parser(__doc__ or "")
+    arguments.add_argument("--rides", type=int, default=10, help="rides (default 10)")
+    arguments.add_argument("--frames", type=int, default=12, help="frames of each (default 12)")
+    arguments.add_argument("--bundle", action="store_true", help="the shipped network as well")
+    arguments.add_argument("--real", type=Path, help="folder with stereo_cones and the like")
+    arguments.add_argument("--plots", type=Path, help="folder for the docs' plots")
+    options = arguments.parse_args()
+    cv2.setNumThreads(1)
+    if options.plots:
+        plots(options.plots)
+    seeds = range(101, 101 + options.rides)
+    sharp = RangingSettings.sharp(SIZE_WH[0])
+    seen, times = _rides(seeds, options.frames, true_masks, sharp, 6.0)
+    measures = _accuracy("true masks", seen, (0.5, 1.5))
+    if times:
+        measures.append(Measure("ranging per finding, processor time", min(times), "ms", 0.3))
+        measures.append(Measure("the same, median", statistics.median(times), "ms"))
+    if options.bundle:
+        network = Segmenter.default(1)
+        coarse, _ = _rides(seeds, options.frames, lambda f: network(f.rgb), None, 12.0)
+        measures += _accuracy("shipped bundle", coarse, (1.5, 4.0))
+    measures += _closing(seeds)
+    measures += _stereo(range(40, 48), options.real)
+    measures += _calibration((1, 2, 4))
+    measures += _shutter()
+    publish("ranging", measures, options.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""The scale fitted to the whole track: it needs neither the camera's height nor level ground."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from railinspect import labels
+from railinspect.camera import Camera
+from railinspect.findings import find
+from railinspect.ranging.along_track import FrameRanging, RangingSettings
+from railinspect.ranging.error_budget import budget, reliable_range
+from railinspect.ranging.fusion import Absent, Range
+from railinspect.ranging.ground_level import BED_M, UNSEEN, ground_level
+from railinspect.ranging.track_scale import KNOTS_M, ScaleSettings, TrackScale, _solve, fit_scale
+from railinspect.track import TrackFollower
+from railinspect.track.smooth import centre_bases
+from tests.railinspect.synthetic_tracks import Thing, camera, draw
+
+SIZE = (1280, 720)
+SETTINGS = ScaleSettings(spacing_std_px=0.2)
+
+
+def fitted(cam: Camera, given: Camera, curvature: float = 0.0) -> TrackScale:
+    scale = fit_scale(TrackFollower(given).update(draw(cam, curvature)), SETTINGS)
+    assert scale is not None
+    return scale
+
+
+@pytest.mark.parametrize("range_m", [12.0, 30.0, 60.0, 90.0])
+@pytest.mark.parametrize("curvature", [0.0, 1 / 500])
+def test_points_of_the_track_are_where_they_are(range_m: float, curvature: float) -> None:
+    cam = camera(SIZE)
+    scale = fitted(cam, cam, curvature)
+    bend = curvature * range_m
+    x = range_m if curvature == 0 else np.sin(bend) / curvature
+    y = 0.0 if curvature == 0 else (1 - np.cos(bend)) / curvature
+    found = scale.at(cam.project([x, y, 0.0]))
+    assert found is not None
+    assert found.range_m == pytest.approx(range_m, rel=0.01)
+    assert abs(found.range_m / range_m - 1) < 3 * found.fit_rel + 0.003
+
+
+def test_a_wrong_height_does_not_matter() -> None:
+    cam = camera(SIZE)
+    wrong = dataclasses.replace(cam, height_m=0.9 * cam.height_m)
+    scale = fitted(cam, wrong)
+    assert scale.height_m == pytest.approx(cam.height_m, rel=0.01)
+    found = scale.at(cam.project([50.0, 0.0, 0.0]))
+    assert found is not None
+    assert found.range_m == pytest.approx(50.0, rel=0.01)
+
+
+@pytest.mark.parametrize("bend", [2e-4, -2e-4])
+def test_a_vertical_curve_is_followed(bend: float) -> None:
+    # z = bend·x²/2 exactly, spacing with a pixel of noise per third row: the solver by itself.
+    rng = np.random.default_rng(0)
+    x = np.geomspace(6.0, 150.0, 300)
+    t = (2.5 - 0.5 * bend * x**2) / x + 0.004
+    apart = 3000 * 1.507 / x
+    noisy = apart + rng.normal(0, 0.5, len(x))
+    settings = ScaleSettings(curvature_std=2e-4)
+    found, covariance, _ = _solve(
+        3000 * 1.507 / noisy, t, noisy, np.full(len(x), 0.5), 2.4, settings
+    )
+    assert found[0] == pytest.approx(0.004, abs=4 * np.sqrt(covariance[0, 0]))
+    assert found[1] == pytest.approx(2.5, abs=4 * np.sqrt(covariance[1, 1]))
+    basis = centre_bases(np.array([100.0]), KNOTS_M)[0][:, 2:]
+    assert float((basis @ found[2:])[0]) == pytest.approx(0.5 * bend * 1e4, abs=0.25)
+
+
+def test_behind_a_crest_the_nearer_ground_counts_and_beyond_it_nothing() -> None:
+    cam = camera(SIZE)
+    scale = fitted(cam, cam)
+    assert scale.at(np.array([640.0, cam.horizon_v() - 5])) is None
+    assert scale.at(np.array([640.0, cam.horizon_v() + 1.5])) is None
+
+
+def test_what_surrounds_the_foot_says_how_high_it_stands() -> None:
+    foot = np.array([50.0, 40.5])
+    for label, expected in ((labels.TRACKBED, BED_M), (labels.ROAD, 0.0)):
+        masks = np.full((100, 100), label, np.uint8)
+        level, std = ground_level(masks, foot, 12.0)
+        assert level == expected
+        assert 0 < std < 0.05
+    mixed = np.full((100, 100), labels.TRACKBED, np.uint8)
+    mixed[:, :50] = labels.ROAD
+    level, std = ground_level(mixed, foot, 12.0)
+    assert BED_M < level < 0
+    assert std > 0.05
+    assert ground_level(None, foot, 12.0) == UNSEEN
+    assert ground_level(np.full((100, 100), 255, np.uint8), foot, 12.0) == UNSEEN
+
+
+def test_sizes_are_a_second_opinion() -> None:
+    cam = camera(SIZE)
+    masks = draw(cam, 0.0, things=[Thing(labels.HUMAN, 40.0, 0.2, 0.5, 1.7)])
+    track = TrackFollower(cam).update(masks)
+    (finding,) = find(masks, track)
+    found = FrameRanging(track, settings=RangingSettings(stands_on_m=0.0)).measure(finding)
+    assert isinstance(found, Range)
+    by_name = {reading.method: reading for reading in found.readings}
+    assert set(by_name) == {"gauge", "ground plane", "person's height"}
+    assert by_name["person's height"].range_m == pytest.approx(40.0, rel=0.08)
+    assert all(reading.agrees for reading in found.readings)
+    assert found.range_m == pytest.approx(40.0, rel=0.02)  # a row is 1.2 %
+    assert found.std_m == pytest.approx(np.hypot(found.noise_m, found.bias_m), rel=1e-6)
+    # Crouching at the same place: half the height. The rails are believed, the size disagrees.
+    left, _, right, bottom = finding.box_xyxy
+    height = bottom - finding.box_xyxy[1]
+    crouched = dataclasses.replace(finding, box_xyxy=(left, bottom - 0.4 * height, right, bottom))
+    again = FrameRanging(track, settings=RangingSettings(stands_on_m=0.0)).measure(crouched)
+    assert isinstance(again, Range)
+    assert again.range_m == pytest.approx(40.0, rel=0.03)
+    assert not {r.method: r for r in again.readings}["person's height"].agrees
+
+
+def test_absence_has_a_reason() -> None:
+    cam = camera(SIZE)
+    masks = draw(cam, 0.0, things=[Thing(labels.CAR, 30.0, 0.0, 1.8, 1.5)])
+    track = TrackFollower(cam).update(masks)
+    (finding,) = find(masks, track)
+    ranging = FrameRanging(track)
+    high = dataclasses.replace(finding, foot_uv=np.array([640.0, 20.0]))
+    found = ranging.measure(high)
+    assert isinstance(found, Absent)
+    assert "horizon" in found.reason
+    lost = FrameRanging(dataclasses.replace(track, path=None)).measure(finding)
+    assert isinstance(lost, Absent)
+    assert "no track" in lost.reason
+
+
+def test_the_budget_grows_with_range_and_ends() -> None:
+    cam = Camera((1920, 1080), 3000.0, (959.5, 539.5), 2.5)
+    errors = [budget(cam, r).std_m for r in (10.0, 50.0, 100.0, 200.0)]
+    assert errors == sorted(errors)
+    assert 0 < reliable_range(camera()) < reliable_range(cam)
+    blind = dataclasses.replace(cam, std=dataclasses.replace(cam.std, focal_px=1500.0))
+    assert reliable_range(blind) == 0.0
