@@ -83,8 +83,13 @@ class FoldedMessagePassing(_FourDirections):
 
     def forward(self, features: Tensor) -> Tensor:
         """Map features (N, C, H, W) to (N, 4C, H, W), in the order up, down, right, left."""
+        if self.form == "fast":  # both axes then read whole channel vectors
+            features = features.contiguous(memory_format=torch.channels_last)
         down, up = self._pass(features, "vertical")
         right, left = self._pass(features, "horizontal")
+        if self.form == "fast":  # whole channel vectors again, in one copy
+            rows = [part.permute(0, 2, 3, 1) for part in (up, down, right, left)]
+            return torch.cat(rows, 3).permute(0, 3, 1, 2)
         return torch.cat([up, down, right, left], 1)
 
 
