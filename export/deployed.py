@@ -6,9 +6,9 @@ import copy
 
 import torch
 from torch import Tensor, nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from fscnn.models import decide
+from fscnn.models.blocks import fold_norms
 from fscnn.models.message_passing import FoldedMessagePassing
 
 
@@ -21,7 +21,7 @@ class Deployed(nn.Module):
 
     def __init__(self, network: nn.Module) -> None:
         super().__init__()
-        self.network = fold_norms(copy.deepcopy(network).eval()).requires_grad_(False)
+        self.network = fold_norms(copy.deepcopy(network)).requires_grad_(False)
         for module in self.network.modules():
             if isinstance(module, FoldedMessagePassing):
                 module.freeze()
@@ -32,16 +32,3 @@ class Deployed(nn.Module):
         """Labels, confidence and rail score of each image."""
         scores = self.network(image.permute(0, 3, 1, 2).to(torch.float32))
         return decide(scores, image.shape[1] // scores.shape[2])
-
-
-def fold_norms(network: nn.Module) -> nn.Module:
-    """Fold each batch norm that directly follows a convolution in a sequence, in place."""
-    for module in network.modules():
-        if isinstance(module, nn.Sequential):
-            parts = list(module)
-            for i in range(len(parts) - 1):
-                convolution, norm = parts[i], parts[i + 1]
-                if isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                    module[i] = fuse_conv_bn_eval(convolution, norm)
-                    module[i + 1] = nn.Identity()
-    return network

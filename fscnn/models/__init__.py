@@ -1,6 +1,6 @@
 """Networks in plain torch; nothing here knows how they are trained."""
 
-from fscnn.models.decision import decide, rail_probability
+from fscnn.models.decision import decide, rail_probability, split
 from fscnn.models.fscnn_s import FscnnS, FscnnSConfig
 from fscnn.models.message_passing import FoldedMessagePassing, SequentialMessagePassing
 from fscnn.models.registry import NAMES, build, settings_of
@@ -15,4 +15,5 @@ __all__ = [
     "decide",
     "rail_probability",
     "settings_of",
+    "split",
 ]

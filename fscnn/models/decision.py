@@ -1,9 +1,10 @@
-"""From class scores to what the runtime hands out; the one definition training and export share.
+"""From scores to what the runtime hands out; the one definition training and export share.
 
-Rails are a pixel or two wide, so they are decided at full resolution: a pixel is rail where the
-two rail classes together hold at least half of the probability, interpolated to full size. The
-other classes are decided on the network's own grid (stride 2) and repeated, which costs a quarter
-of the arithmetic and moves their borders by at most one pixel.
+Rails are a few pixels wide, so they are decided at full resolution: a pixel is rail where its rail
+probability is at least one half. A network may give a rail score for each of a cell's pixels,
+behind the class scores; from one that does not, the two rail classes' probability is interpolated.
+The other classes are decided on the network's own grid and repeated, which costs a quarter of the
+arithmetic and moves their borders by at most one pixel.
 """
 
 from __future__ import annotations
@@ -12,15 +13,26 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from railinspect.labels import RAIL_EMBEDDED, RAIL_RAISED
+from railinspect.labels import CLASSES, RAIL_EMBEDDED, RAIL_RAISED
 
 RAIL_FROM = 128
 """Rail score, 0 … 255, from which on a pixel is labelled rail."""
 
 
-def rail_probability(scores: Tensor) -> Tensor:
-    """P(rail-raised) + P(rail-embedded) per cell: (N, classes, h, w) → (N, 1, h, w)."""
-    return scores.softmax(1)[:, RAIL_RAISED : RAIL_EMBEDDED + 1].sum(1, keepdim=True)
+def split(scores: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Class scores (N, 19, h, w), and the rail scores (N, s², h, w) of a cell's pixels if any."""
+    if scores.shape[1] == len(CLASSES):
+        return scores, None
+    return scores[:, : len(CLASSES)], scores[:, len(CLASSES) :]
+
+
+def rail_probability(scores: Tensor, stride: int = 2) -> Tensor:
+    """Probability of rail at every pixel: (N, 19 or 19 + s², h, w) → (N, 1, h·s, w·s)."""
+    classes, rails = split(scores)
+    if rails is not None:
+        return functional.pixel_shuffle(rails, stride).sigmoid()
+    both = classes.softmax(1)[:, RAIL_RAISED : RAIL_EMBEDDED + 1].sum(1, keepdim=True)
+    return functional.interpolate(both, scale_factor=float(stride), mode="bilinear")
 
 
 def decide(scores: Tensor, stride: int = 2) -> tuple[Tensor, Tensor, Tensor]:
@@ -30,20 +42,25 @@ def decide(scores: Tensor, stride: int = 2) -> tuple[Tensor, Tensor, Tensor]:
     would transpose for, and no class axis at full size.
 
     Args:
-        scores: Class scores on the network's grid, shape (N, 19, h, w).
+        scores: Scores on the network's grid, shape (N, 19, h, w), or (N, 19 + stride², h, w).
         stride: Pixels per cell of that grid.
 
     Returns:
         ``labels`` (class ids), ``confidence`` (probability of the cell's likeliest class, 0 … 255)
-        and ``rail_score`` (probability of the two rail classes, 0 … 255), each uint8 of shape
+        and ``rail_score`` (probability of rail, 0 … 255), each uint8 of shape
         (N, h·stride, w·stride).
     """
-    others, rails = scores[:, :RAIL_RAISED], scores[:, RAIL_RAISED:]
+    classes, fine = split(scores)
+    others, rails = classes[:, :RAIL_RAISED], classes[:, RAIL_RAISED:]
     best = torch.maximum(others.amax(1, keepdim=True), rails.amax(1, keepdim=True))
     weight_rails = (rails - best).exp().sum(1, keepdim=True)
     share = 1 / ((others - best).exp().sum(1, keepdim=True) + weight_rails)
-    maps = torch.cat([share, weight_rails * share], 1)
-    maps = functional.interpolate(maps, scale_factor=float(stride), mode="bilinear")
+    if fine is None:
+        maps = torch.cat([share, weight_rails * share], 1)
+        maps = functional.interpolate(maps, scale_factor=float(stride), mode="bilinear")
+    else:
+        share = functional.interpolate(share, scale_factor=float(stride), mode="bilinear")
+        maps = torch.cat([share, functional.pixel_shuffle(fine, stride).sigmoid()], 1)
     confidence, rail_score = (maps * 255 + 0.5).to(torch.uint8).unbind(1)
 
     background = others.argmax(1, keepdim=True)

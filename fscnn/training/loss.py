@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from fscnn.models.decision import rail_probability
+from fscnn.models.decision import rail_probability, split
 from railinspect.labels import (
     CLASSES,
     HUMAN,
@@ -37,9 +37,9 @@ class LossConfig:
         label_smoothing: Label smoothing of the cross entropy.
     """
 
-    rail_weight: float = 2.0
+    rail_weight: float = 1.0
     small_weight: float = 3.0
-    dice: float = 0.5
+    dice: float = 1.0
     rail_entropy: float = 2.0
     label_smoothing: float = 0.0
 
@@ -64,7 +64,7 @@ class RailLoss(nn.Module):
         """Loss terms and their ``total``.
 
         Args:
-            scores: Class scores, shape (N, 19, h, w).
+            scores: Scores as :func:`fscnn.models.decide` takes them, shape (N, C, h, w).
             masks: Class ids, 255 for void, uint8 of shape (N, H, W) with H a multiple of h.
         """
         scores = scores.float()
@@ -73,7 +73,7 @@ class RailLoss(nn.Module):
         row, column = (int(v) for v in torch.randint(stride, (2,)))
         cells = masks[:, row::stride, column::stride].long()
         classes = functional.cross_entropy(
-            scores,
+            split(scores)[0],
             cells,
             self.weights,
             ignore_index=VOID,
@@ -83,9 +83,7 @@ class RailLoss(nn.Module):
         known_cells = self.weights[cells.clamp(max=len(CLASSES) - 1)] * (cells != VOID)
         classes = classes / known_cells.sum().clamp(min=1.0)
 
-        rails = functional.interpolate(
-            rail_probability(scores), size=masks.shape[1:], mode="bilinear", align_corners=False
-        )[:, 0]
+        rails = rail_probability(scores, stride)[:, 0]
         known = (masks != VOID).float()
         truth = ((masks == RAIL_RAISED) | (masks == RAIL_EMBEDDED)).float()
         # Written out: torch's own raises on NaN, and the guard could not name the layer any more.

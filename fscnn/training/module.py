@@ -34,6 +34,7 @@ class SegmentationModule(lightning.LightningModule):
         fingerprint: Digest of the training data, kept in checkpoints.
         seed: Seed of dropout and of the loss's draws; each epoch starts from it afresh, so that a
             run resumed at an epoch's end goes on as if it had never stopped.
+        norms_folded: Whether the network's batch norms were folded; kept in checkpoints.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class SegmentationModule(lightning.LightningModule):
         recipe: Mapping[str, Any] | None = None,
         fingerprint: str = "",
         seed: int = 0,
+        norms_folded: bool = False,
     ) -> None:
         super().__init__()
         self.format = torch.channels_last if channels_last else torch.contiguous_format
@@ -62,6 +64,7 @@ class SegmentationModule(lightning.LightningModule):
         self.recipe = dict(recipe or {})
         self.fingerprint = fingerprint
         self.seed = seed
+        self.norms_folded = norms_folded
         self.clock = Clock(self.schedule)
         self.scores = Scores()
         self._spent_s = 0.0
@@ -152,6 +155,7 @@ class SegmentationModule(lightning.LightningModule):
         checkpoint[KEY] = {
             "network": self.name,
             "settings": settings_of(self.network),
+            "norms_folded": self.norms_folded,
             "average": self.average.network.state_dict(),
             "average_steps": self.average.steps,
             "steps": self.global_step,

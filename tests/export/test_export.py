@@ -12,8 +12,9 @@ from torch import nn
 
 from export.__main__ import main
 from export.bundle import FORBIDDEN, Exported, ParityError, compare, count_nodes, export
-from export.deployed import Deployed, fold_norms
+from export.deployed import Deployed
 from fscnn.models import build, settings_of
+from fscnn.models.blocks import fold_norms
 from fscnn.training.checkpoint import KEY, Trained
 from fscnn.training.evaluation import evaluate, load_model
 from railinspect.bundle import golden_image

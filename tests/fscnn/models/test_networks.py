@@ -14,7 +14,8 @@ def test_every_network_builds_and_scores_all_classes(
     network = build(name).eval()
     with torch.no_grad():
         scores = network(torch.rand(2, 3, *height_width))
-    assert scores.shape == (2, 19, height_width[0] // 2, height_width[1] // 2)
+    assert scores.shape[1] in (19, 19 + network.stride**2)
+    assert scores.shape[2:] == (height_width[0] // 2, height_width[1] // 2)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -84,7 +85,19 @@ def test_rails_are_decided_between_cells_and_keep_their_kind() -> None:
 
 def test_rail_probability_is_the_sum_of_both_kinds() -> None:
     scores = torch.zeros(1, 19, 1, 1)
-    assert float(rail_probability(scores)) == pytest.approx(2 / 19)
+    assert rail_probability(scores).flatten().tolist() == pytest.approx([2 / 19] * 4)
+
+
+def test_rail_scores_of_a_cells_pixels_decide_where_there_are_any() -> None:
+    # The classes say sky; of the cell's four pixels, row by row, the second and third are rail.
+    scores = torch.zeros(1, 23, 1, 1)
+    scores[0, SKY], scores[0, RAIL_EMBEDDED] = 60.0, 1.0
+    scores[0, 19:, 0, 0] = torch.tensor([-60.0, 60.0, 60.0, -60.0])
+    labels, confidence, rail_score = decide(scores)
+    assert labels[0].tolist() == [[SKY, RAIL_EMBEDDED], [RAIL_EMBEDDED, SKY]]
+    assert rail_score[0].tolist() == [[0, 255], [255, 0]]
+    assert confidence.unique().tolist() == [255]
+    assert rail_probability(scores).flatten().tolist() == pytest.approx([0, 1, 1, 0])
 
 
 def test_huge_scores_stay_finite() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch import nn
 
 from fscnn.data.module import RailData
 from fscnn.models import build
@@ -123,6 +124,35 @@ def _fit_one_epoch(config: TrainConfig) -> None:
     )
     trainer.fit(module, data)
     trainer.save_checkpoint(Path(config.run.out) / "half.ckpt")
+
+
+def test_training_goes_on_with_folded_norms(
+    tmp_path: Path, overfitted: tuple[Path, dict[str, float]]
+) -> None:
+    folder, before = overfitted
+    start = f"start_from={folder / 'run' / 'last.ckpt'}"
+    steps = ("schedule.max_steps=3", "optimiser.rate=0.0001")
+    metrics = fit(tiny_run(tmp_path, start, "fold_norms=true", *steps))
+    assert metrics["val/rail_iou"] == pytest.approx(before["val/rail_iou"], abs=0.05)
+    trained = checkpoint.load(tmp_path / "run" / "last.ckpt")
+    assert trained.norms_folded
+    names = [name for name, m in trained.network.named_modules() if isinstance(m, nn.BatchNorm2d)]
+    assert names == ["messages_norm"]  # it follows no convolution
+    fit(tiny_run(tmp_path / "on", f"start_from={tmp_path / 'run' / 'last.ckpt'}", *steps))
+    assert checkpoint.load(tmp_path / "on" / "run" / "last.ckpt").norms_folded
+
+
+def test_folding_needs_trained_norms(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="fold_norms needs trained norms: set start_from"):
+        fit(tiny_run(tmp_path, "fold_norms=true", "schedule.max_steps=1"))
+
+
+def test_starting_from_another_shape_is_refused(
+    tmp_path: Path, overfitted: tuple[Path, dict[str, float]]
+) -> None:
+    start = f"start_from={overfitted[0] / 'run' / 'last.ckpt'}"
+    with pytest.raises(BadInputError, match="holds a network of another shape than fscnn_s"):
+        fit(tiny_run(tmp_path, start, "settings={message_taps: 3}", "schedule.max_steps=1"))
 
 
 def test_stops_at_the_time_limit(tmp_path: Path) -> None:
