@@ -51,6 +51,7 @@ class PublishedScnn(nn.Module):
                 self.passes.append(layer)
 
     def forward(self, features: Tensor) -> Tensor:
+        """Map features (N, C, H, W) to (N, C, H, W)."""
         for number, layer in enumerate(self.passes):
             dim = 2 + number // 2
             slices = list(features.split(1, dim))

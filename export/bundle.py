@@ -182,7 +182,7 @@ def _with_metadata(model: onnx.ModelProto, metadata: BundleMetadata) -> bytes:
 def _public(recipe: dict[str, object]) -> dict[str, object]:
     """The recipe without the folders of the machine it ran on."""
     text = json.loads(json.dumps(recipe))
-    for group, names in (("data", ("train_folders", "val_folders")), ("run", ("out",))):
+    for group, names in (("data", ("train_folders", "val_folders", "railsem")), ("run", ("out",))):
         for name in names:
             text.get(group, {}).pop(name, None)
     text.pop("start_from", None)

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from fscnn.models import decide
 from fscnn.models.blocks import fold_norms
-from fscnn.models.message_passing import FoldedMessagePassing
+from fscnn.models.message_passing import FourDirections
 
 
 class Deployed(nn.Module):
@@ -23,7 +23,7 @@ class Deployed(nn.Module):
         super().__init__()
         self.network = fold_norms(copy.deepcopy(network)).requires_grad_(False)
         for module in self.network.modules():
-            if isinstance(module, FoldedMessagePassing):
+            if isinstance(module, FourDirections):
                 module.freeze()
         first = next(m for m in self.network.modules() if isinstance(m, nn.Conv2d))
         first.weight.data /= 255

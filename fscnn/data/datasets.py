@@ -19,6 +19,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from fscnn.data.railsem import Image, list_pairs, read_pair
+from fscnn.data.splits import Split, pairs_of
 from railinspect import scenes
 
 Draw = tuple[int, int]
@@ -64,10 +65,17 @@ class SegmentationDataset(Dataset[tuple[Tensor, Tensor]]):
 
 
 class FolderSource:
-    """A RailSem19-layout folder, or some of its pairs."""
+    """A RailSem19-layout folder, or some of its pairs, or a part of a split of it."""
 
-    def __init__(self, folder: Path, limit: int | None = None) -> None:
-        self.pairs = list_pairs(folder)[:limit]
+    def __init__(
+        self,
+        folder: Path,
+        limit: int | None = None,
+        split: Split | None = None,
+        part: str = "train",
+    ) -> None:
+        pairs = list_pairs(folder) if split is None else pairs_of(folder, split, part)
+        self.pairs = pairs[:limit]
 
     def __len__(self) -> int:
         return len(self.pairs)

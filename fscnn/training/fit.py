@@ -17,8 +17,7 @@ import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from fscnn.data.datasets import FolderSource
-from fscnn.data.module import DataConfig, RailData
+from fscnn.data.module import RailData
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
 from fscnn.training import checkpoint as checkpoints
@@ -27,13 +26,12 @@ from fscnn.training.module import SegmentationModule
 from railinspect.errors import BadInputError
 
 
-def data_fingerprint(config: DataConfig) -> str:
+def data_fingerprint(data: RailData) -> str:
     """SHA-256 over the names and sizes of all training files, and the rendered seeds."""
-    digest = hashlib.sha256(repr(config.train_scenes).encode())
-    for folder in config.train_folders:
-        for pair in FolderSource(Path(folder)).pairs:
-            for path in (pair.image, pair.mask):
-                digest.update(f"{path.name} {path.stat().st_size}\n".encode())
+    digest = hashlib.sha256(repr(data.config.train_scenes).encode())
+    for pair in data.train_files:
+        for path in (pair.image, pair.mask):
+            digest.update(f"{path.name} {path.stat().st_size}\n".encode())
     return digest.hexdigest()
 
 
@@ -105,7 +103,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         config.optimiser.average,
         run.channels_last,
         asdict(config),
-        data_fingerprint(config.data),
+        data_fingerprint(data),
         config.seed,
         folded,
     )
@@ -115,6 +113,8 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     out = Path(run.out)
     out.mkdir(parents=True, exist_ok=True)
     save(config, out / "config.yaml")
+    if data.split is not None:
+        data.split.save(out / "split.json")
     keep = ModelCheckpoint(
         out,
         "best",
