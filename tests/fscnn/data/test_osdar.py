@@ -133,5 +133,5 @@ def median_gap_px(sequence: OpenLabel, path: Path, name: str, camera: Camera) ->
                     if rail[0, 1] <= v <= rail[-1, 1]
                 ]
                 gaps.extend([min(across)] if across else [])
-    assert len(gaps) >= 5
+    assert len(gaps) >= 3
     return float(np.median(gaps))
