@@ -123,7 +123,7 @@ def _fit_one_epoch(config: TrainConfig) -> None:
         use_distributed_sampler=False,
     )
     trainer.fit(module, data)
-    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt")
+    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt", weights_only=False)
 
 
 def test_training_goes_on_with_folded_norms(
