@@ -16,7 +16,8 @@ BACKBONES = ("resnet50", "resnet101", "mobilenet_v3_large", "mobilenet_v3_small"
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and spread of RGB in 0 … 1 that the published weights were trained with."""
 
-_MOBILE_CUTS = {"mobilenet_v3_large": (2, 4, 7), "mobilenet_v3_small": (1, 2, 4)}
+_MOBILE_ENDS = {"mobilenet_v3_large": (2, 4, 7, 13), "mobilenet_v3_small": (1, 2, 4, 9)}
+"""Blocks up to which MobileNetV3 has strides 2, 4, 8 and 16; what follows has 32, or is dilated."""
 
 
 class Backbone(nn.Module):
@@ -27,13 +28,14 @@ class Backbone(nn.Module):
         channels: Channels of the four stages' maps.
     """
 
-    def __init__(self, name: str, stride: int = 16, head: bool = False) -> None:
+    def __init__(self, name: str, stride: int = 16, head: bool = False, cut: bool = False) -> None:
         """Build with random weights.
 
         Args:
             name: One of :data:`BACKBONES`.
             stride: Stride of the last stage, 16, or 8 for a ResNet.
             head: Keep MobileNetV3's last, widest 1 × 1 convolution.
+            cut: Leave away what was trained at stride 32, a third of MobileNetV3's time.
 
         Raises:
             BadInputError: if there is no such backbone or stride.
@@ -46,15 +48,15 @@ class Backbone(nn.Module):
                 f"backbone {name} cannot have stride {stride}; 16 fits all, 8 a ResNet"
             )
         self.name = name
-        self.head = head
+        self._which = {"head": head, "cut": cut}
         if name.startswith("resnet"):
             net = torchvision.models.get_model(
                 name, weights=None, replace_stride_with_dilation=[False, stride == 8, True]
             )
-            self.channels = (64, 256, 512, 2048)
+            self.channels = (64, 256, 512, 1024 if cut else 2048)
         else:
             net = torchvision.models.get_model(name, weights=None, dilated=True)
-        self.stages = _stages(net, name, head)
+        self.stages = _stages(net, name, head, cut)
         if not name.startswith("resnet"):
             self.channels = tuple(list(stage.children())[-1].out_channels for stage in self.stages)  # type: ignore[assignment]
 
@@ -85,7 +87,7 @@ class Backbone(nn.Module):
                 f"cannot get the ImageNet weights of {self.name} ({error}); download {weights.url} "
                 f"elsewhere and put it into {folder}, or start from random weights with start_from="
             ) from error
-        self.stages.load_state_dict(_stages(net, self.name, self.head).state_dict())
+        self.stages.load_state_dict(_stages(net, self.name, **self._which).state_dict())
         first, norm = _first_layers(self.stages)
         absorb_standardisation(first, norm)
 
@@ -105,16 +107,17 @@ def _first_layers(stages: nn.Module) -> tuple[nn.Conv2d, nn.BatchNorm2d]:
     return first, norm
 
 
-def _stages(net: nn.Module, name: str, head: bool) -> nn.ModuleList:
+def _stages(net: nn.Module, name: str, head: bool, cut: bool) -> nn.ModuleList:
     if name.startswith("resnet"):
         parts: Sequence[Sequence[nn.Module]] = (
             (net.conv1, net.bn1, net.relu),  # type: ignore[assignment]
             (net.maxpool, net.layer1),  # type: ignore[assignment]
             (net.layer2,),  # type: ignore[assignment]
-            (net.layer3, net.layer4),  # type: ignore[assignment]
+            (net.layer3,) if cut else (net.layer3, net.layer4),  # type: ignore[assignment]
         )
     else:
         blocks = list(net.features.children())  # type: ignore[union-attr]
-        a, b, c = _MOBILE_CUTS[name]
-        parts = (blocks[:a], blocks[a:b], blocks[b:c], blocks[c : None if head else -1])
+        a, b, c, d = _MOBILE_ENDS[name]
+        end = d if cut else len(blocks) if head else -1
+        parts = (blocks[:a], blocks[a:b], blocks[b:c], blocks[c:end])
     return nn.ModuleList(nn.Sequential(*part) for part in parts)

@@ -26,6 +26,8 @@ class FscnnConfig:
         classes: Number of classes.
         backbone: See :data:`fscnn.models.backbones.BACKBONES`.
         stride: Stride of the backbone's last stage, 16 or (ResNet) 8.
+        cut: Leave away the backbone's part trained at stride 32: messages cross the whole map, and
+            give the context that part would give.
         message_channels: Channels c of the message passing.
         message_taps: Taps k of its kernels, odd.
         context: Channels of the ASPP.
@@ -38,6 +40,7 @@ class FscnnConfig:
     classes: int = 19
     backbone: str = "resnet50"
     stride: int = 16
+    cut: bool = False
     message_channels: int = 128
     message_taps: int = 9
     context: int = 256
@@ -55,7 +58,7 @@ class Fscnn(nn.Module):
     def __init__(self, config: FscnnConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or FscnnConfig()
-        self.backbone = Backbone(config.backbone, config.stride)
+        self.backbone = Backbone(config.backbone, config.stride, cut=config.cut)
         c2, c4, c8, deep = self.backbone.channels
         up8, up4, up2 = config.decoder
         self.to_messages = conv_norm(deep, config.message_channels, 1)

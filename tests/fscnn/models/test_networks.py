@@ -42,6 +42,19 @@ def test_settings_rebuild_the_network(name: str) -> None:
     assert settings_of(again) == settings_of(network)
 
 
+@pytest.mark.parametrize("name", BACKBONES)
+def test_cut_backbones_lack_only_what_has_stride_32(name: str) -> None:
+    with torch.device("meta"):
+        whole, part = Backbone(name), Backbone(name, cut=True)
+        maps = part.eval()(torch.empty(1, 3, 64, 96))
+    assert [m.shape[2] for m in maps] == [32, 16, 8, 4]
+    assert tuple(m.shape[1] for m in maps) == part.channels
+    kept = part.state_dict().keys()
+    assert kept < whole.state_dict().keys()
+    dropped = sum(w.numel() for k, w in whole.state_dict().items() if k not in kept)
+    assert dropped > 0.3 * sum(w.numel() for w in whole.state_dict().values())
+
+
 def test_rivals_have_their_published_number_of_weights() -> None:
     # FRRN-B: 24.8 M with Cityscapes' 19 classes. DeepLabV3-ResNet50: torchvision's count of
     # 39.64 M, at 21 classes and with a norm of 512 weights in the pooled branch.

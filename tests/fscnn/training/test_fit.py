@@ -109,6 +109,18 @@ def test_stops_early_where_nothing_gets_better(tmp_path: Path) -> None:
     assert not (tmp_path / "run/examples.png").exists()
 
 
+def test_tensorboard_shows_the_examples(tmp_path: Path) -> None:
+    event_accumulator = pytest.importorskip(
+        "tensorboard.backend.event_processing.event_accumulator", reason="needs tensorboard"
+    )
+    fit(tiny_run(tmp_path, "schedule.max_steps=2", "run.tensorboard=true", "run.examples=2"))
+    (folder,) = {p.parent for p in (tmp_path / "run").rglob("events.out.tfevents.*")}
+    found = event_accumulator.EventAccumulator(str(folder)).Reload()
+    (picture, *_) = found.Images("val/examples")
+    assert (picture.width, picture.height) == (3 * 270, 2 * 182)
+    assert "val/rail_iou" in found.Tags()["scalars"]
+
+
 def test_published_weights_need_a_published_backbone(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="network fscnn_s has no published backbone"):
         fit(tiny_run(tmp_path, "schedule.max_steps=1", "start_from=imagenet"))
