@@ -64,8 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         from fscnn.data.datasets import FolderSource, SceneSource
         from fscnn.training.evaluation import evaluate_source, load_model
         from fscnn.training.evaluation_report import printable, write
-        from fscnn.training.tables import markdown
-        from fscnn.training.tables import table_iii as shortest
+        from fscnn.training.tables import markdown, row_of, table_iii
         from fscnn.training.views import views
         from railinspect.camera import Camera
 
@@ -106,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
         for name, band in (one.bands.summary() if one.bands else {}).items():
             print(f"  {name:14} rail IoU {band['rail_iou']:.4f}, thin F {band['thin_f']:.4f}")
     if len(done) > 1:
-        print(markdown(shortest({d.model: d.scores.summary()["iou"] for d in done})))  # type: ignore[misc]
+        print(markdown(table_iii({one.model: row_of(one.scores) for one in done})))
     return 0
 
 

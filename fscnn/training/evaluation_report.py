@@ -15,7 +15,7 @@ import cv2
 from fscnn.data.datasets import FolderSource, SceneSource
 from fscnn.training.evaluation import Evaluation, FrameScore, Segment
 from fscnn.training.pictures import strip
-from fscnn.training.tables import appendix_e, markdown, percent, printed_rows, table_iii
+from fscnn.training.tables import appendix_e, markdown, percent, printed_rows, row_of, table_iii
 from railinspect.errors import OutputError
 from railinspect.labels import CLASSES
 
@@ -45,7 +45,7 @@ def tables(evaluations: Sequence[Evaluation]) -> dict[str, list[list[str]]]:
     """All tables by heading, first row the column names; the paper's printed rows come first."""
     rows = printed_rows()
     for done in evaluations:
-        rows[done.model] = done.scores.summary()["iou"]  # type: ignore[assignment]
+        rows[done.model] = row_of(done.scores)
     result = {
         "As Table III": table_iii(rows),
         "As Appendix E: IoU of each class (%)": appendix_e(rows),

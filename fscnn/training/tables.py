@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from fscnn.training.metrics import Scores, intersection_over_union
 from railinspect.labels import CLASSES
 
 PRINTED: dict[str, tuple[float, ...]] = {
@@ -32,6 +33,13 @@ def printed_rows() -> dict[str, Row]:
         name: {c: value / 100 for c, value in zip(CLASSES, row, strict=True)}
         for name, row in PRINTED.items()
     }
+
+
+def row_of(scores: Scores) -> Row:
+    """A model's row: IoU by class name; NaN for classes the images do not hold, said or not."""
+    each = intersection_over_union(scores.matrix)
+    present = scores.matrix.sum(1) > 0
+    return {c: float(v) if p else math.nan for c, v, p in zip(CLASSES, each, present, strict=True)}
 
 
 def mean_iou(row: Row) -> float:

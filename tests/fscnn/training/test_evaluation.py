@@ -12,7 +12,7 @@ from fscnn.data.datasets import FolderSource, SceneSource
 from fscnn.training.bands import BandScores, ground_range_m
 from fscnn.training.evaluation import evaluate_source
 from fscnn.training.evaluation_report import write
-from fscnn.training.tables import appendix_e, mean_iou, printed_rows, table_iii
+from fscnn.training.tables import appendix_e, mean_iou, printed_rows, row_of, table_iii
 from fscnn.training.views import views, windows
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
@@ -133,6 +133,7 @@ def test_page_shows_best_and_worst(tmp_path: Path) -> None:
     assert "m&lt;1&gt;" in page
     assert "http" not in page.replace("http-equiv", "")
     document = json.loads((tmp_path / "out/evaluation.json").read_text())
+    assert mean_iou(row_of(done.scores)) == done.scores.summary()["mean_iou"]
     (model,) = document["models"]
     assert model["iou"]["human"] is None
     assert np.array(model["confusion"]).sum() == model["pixels"] == 5 * 64 * 96
