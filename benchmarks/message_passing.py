@@ -95,6 +95,33 @@ def alternating(works: list[Callable[[], object]], repeats: int) -> tuple[list[f
     return [statistics.median(s) for s in wall], [min(s) for s in processor]
 
 
+def on_gpu(channels: int, taps: int, repeats: int, device: str = "cuda") -> list[Measure]:
+    """Folded passes against SCNN's published loops, forward, at the two shapes of the bar."""
+    measures = []
+    for height, width in ((36, 100), (64, 128)):
+        features = torch.randn(1, channels, height, width, device=device)
+        sequential = SequentialMessagePassing(channels, taps)
+        times = []
+        for module in (FoldedMessagePassing(channels, taps), PublishedScnn(sequential)):
+            work = forward(module.to(device), features)
+            seen = []
+            for turn in range(repeats + 3):
+                start = time.perf_counter()
+                work()
+                if device == "cuda":
+                    torch.cuda.synchronize()
+                if turn >= 3:
+                    seen.append(time.perf_counter() - start)
+            times.append(statistics.median(seen))
+        shape = f"{height}×{width}×{channels} on {device}"
+        measures += [
+            Measure(f"forward, folded, {shape}", times[0] * 1e3, "ms"),
+            Measure(f"forward, SCNN's loops as published, {shape}", times[1] * 1e3, "ms"),
+            Measure(f"forward, folded / SCNN's loops, {shape}", times[0] / times[1], "", 0.25),
+        ]
+    return measures
+
+
 def main() -> None:
     arguments = parser("Folded message passing against SCNN's loops.")
     arguments.add_argument("--channels", type=int, default=128, help="default 128")
@@ -150,6 +177,8 @@ def main() -> None:
         ):
             ratio = times[ours] / times[rival]
             measures.append(Measure(f"{ours} / {rival.split(', ')[1]}{clock}", ratio, "", bar))
+    if torch.cuda.is_available():
+        measures += on_gpu(options.channels, options.taps, options.repeats)
     publish("message_passing", measures, options.json)
 
 
