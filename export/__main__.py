@@ -32,26 +32,45 @@ def main(arguments: list[str] | None = None) -> int:
         help="input size, pixels, divisible by 16 (default 640x368)",
     )
     parser.add_argument(
-        "--scenes", type=int, default=4, help="rendered scenes compared on (default 4)"
+        "--scenes",
+        type=int,
+        default=4,
+        help="images compared on, and that int8 is calibrated and judged on (default 4)",
+    )
+    parser.add_argument(
+        "--precision",
+        choices=("fp32", "fp16", "int8"),
+        default="fp32",
+        help="int8 is calibrated, and kept only where it is faster here and keeps the rails "
+        "(default fp32)",
+    )
+    parser.add_argument(
+        "--folder", type=Path, help="labelled images for int8 instead of --scenes, RailSem19 layout"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     options = parser.parse_args(arguments)
     try:
         import cv2
 
-        from export.bundle import ParityError, export, to_json
+        from export.bundle import export, to_json
+        from fscnn.data.datasets import FolderSource, SceneSource
         from fscnn.training import checkpoint
-        from railinspect import scenes
 
         trained = checkpoint.load(options.checkpoint)
-        images = tuple(
-            cv2.resize(scenes.render(seed).rgb, options.size, interpolation=cv2.INTER_AREA)
-            for seed in range(options.scenes)
-        )
-        exported = export(trained, options.out, options.size, images)
+        scenes = SceneSource(0, options.scenes)
+        source = FolderSource(options.folder, options.scenes) if options.folder else scenes
+        labelled = [
+            (
+                cv2.resize(image, options.size, interpolation=cv2.INTER_AREA),
+                cv2.resize(mask, options.size, interpolation=cv2.INTER_NEAREST_EXACT),
+            )
+            for image, mask in map(source, range(len(source)))
+        ]
+        images = tuple(image for image, _ in labelled)
+        exported = export(trained, options.out, options.size, images, options.precision, labelled)
     except RailInspectError as error:
         print(f"python -m export: {error}", file=sys.stderr)
-        return 1 if isinstance(error, ParityError) else 2
+        return 1 if isinstance(error, ArithmeticError) else 2  # parity and refusal
     if options.json:
         print(to_json(exported))
     else:
@@ -62,6 +81,12 @@ def main(arguments: list[str] | None = None) -> int:
             f"rail score within {exported.score_difference}/255\n"
             f"{sum(exported.nodes.values())} nodes: {nodes}"
         )
+        if exported.comparison:
+            found = exported.comparison
+            print(
+                f"int8: {found.frame_s * 1e3:.1f} ms a frame, float {found.float_frame_s * 1e3:.1f}"
+                f" ms; rail IoU {found.rail_iou:.3f}, float {found.float_rail_iou:.3f}"
+            )
     return 0
 
 

@@ -6,6 +6,7 @@ import collections
 import io
 import json
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,6 +16,7 @@ import onnx
 import torch
 
 from export.deployed import Deployed
+from export.quantise import Comparison, RefusedError, compare_speed_and_rails, quantise
 from fscnn.training.checkpoint import Trained
 from railinspect import bundle as layout
 from railinspect.bundle import BundleMetadata, Image, digest, golden_image, pack_labels
@@ -24,6 +26,9 @@ from railinspect.segmenter import MIN_AGREEMENT, Segmenter
 
 FORBIDDEN = ("ScatterND", "ScatterElements", "Loop", "If", "Scan")
 """Operators that embedded runtimes run slowly or not at all."""
+
+LEAST_AGREEMENT = {"fp32": MIN_AGREEMENT, "fp16": 0.99, "int8": 0.0}
+"""Share of labels that must equal the checkpoint's; an eight-bit graph is judged by its rails."""
 
 
 class ParityError(RailInspectError, ArithmeticError):
@@ -41,6 +46,8 @@ class Exported:
         agreement: Least share of equal labels, checkpoint against bundle, over the checked images.
         score_difference: Largest difference of rail score on them, 0 … 255.
         nodes: Graph nodes by operator.
+        precision: ``fp32``, ``fp16`` or ``int8``.
+        comparison: An eight-bit graph's time and rail IoU beside the float one's.
     """
 
     path: Path
@@ -49,6 +56,8 @@ class Exported:
     agreement: float
     score_difference: int
     nodes: dict[str, int]
+    precision: str = "fp32"
+    comparison: Comparison | None = None
 
 
 def export(
@@ -56,28 +65,49 @@ def export(
     out: Path,
     size_wh: tuple[int, int] = (640, 368),
     images: tuple[Image, ...] = (),
+    precision: str = "fp32",
+    labelled: Sequence[tuple[Image, Image]] = (),
 ) -> Exported:
     """Write a bundle and prove that it agrees with the network.
+
+    ``fp16`` halves the file; where a processor has no half-precision kernels its runtime computes
+    in single precision. ``int8`` is kept only where it is faster on this machine and loses no more
+    than a point of rail IoU; it calibrates on the first half of ``labelled`` and is judged on the
+    second.
 
     Args:
         trained: The network and where it comes from.
         out: File to write.
         size_wh: Width and height of the bundle's input, divisible by 16.
         images: RGB images of that size to compare on, besides the golden input.
+        precision: ``fp32``, ``fp16`` or ``int8``.
+        labelled: For ``int8``: RGB images of that size and their masks, two at least.
 
     Raises:
         BadInputError: if the size does not suit the network or ``out`` cannot be written.
-        ParityError: if the graph holds a forbidden operator, or fewer than 99.9 % of labels agree
-            on one of the images. No file is left then.
+        ParityError: if the graph holds a forbidden operator, or fewer labels agree on one of the
+            images than :data:`LEAST_AGREEMENT` asks for. No file is left then.
+        RefusedError: if an eight-bit graph is not worth having here. No file is left then.
     """
+    if precision not in LEAST_AGREEMENT:
+        known = ", ".join(LEAST_AGREEMENT)
+        raise BadInputError(f"unknown precision {precision!r}; known: {known}")
+    if precision == "int8" and len(labelled) < 2:
+        raise BadInputError(
+            f"int8 needs labelled images to calibrate and to judge on, got {len(labelled)}; give "
+            "--folder or more --scenes"
+        )
     width, height = size_wh
     if width % 16 or height % 16 or min(size_wh) < 64:
         raise BadInputError(
             f"size {width}x{height} does not suit the network; both sides must be divisible by 16 "
             "and at least 64"
         )
-    deployed = Deployed(trained.network)
+    deployed = Deployed(trained.network, torch.float16 if precision == "fp16" else torch.float32)
     model = _to_onnx(deployed, size_wh)
+    float_model = model
+    if precision == "int8":
+        model = quantise(model, [image for image, _ in labelled[: (len(labelled) + 1) // 2]])
     nodes = count_nodes(model)
     if found := sorted(set(nodes) & set(FORBIDDEN)):
         raise ParityError(f"the exported graph holds {', '.join(found)}, which no bundle may")
@@ -92,7 +122,11 @@ def export(
         colour_order="RGB",
         package_version=_package_version(),
         training_fingerprint=trained.fingerprint,
-        training={"recipe": _public(trained.recipe), "steps": trained.steps},
+        training={
+            "recipe": _public(trained.recipe),
+            "steps": trained.steps,
+            "precision": precision,
+        },
         golden_input=layout.GOLDEN_INPUT,
         golden_sha256={},
         golden_labels="",
@@ -105,18 +139,29 @@ def export(
         golden_labels=pack_labels(result.labels),
     )
     data = _with_metadata(model, metadata)
-    agreement, difference = compare(deployed, Segmenter(data, "the new bundle"), (golden, *images))
-    if agreement < MIN_AGREEMENT:
+    segmenter = Segmenter(data, "the new bundle")
+    exact = Deployed(trained.network) if precision == "fp16" else deployed
+    agreement, difference = compare(exact, segmenter, (golden, *images))
+    if agreement < LEAST_AGREEMENT[precision]:
         raise ParityError(
             f"only {agreement:.2%} of the bundle's labels equal the checkpoint's, "
-            f"{MIN_AGREEMENT:.1%} are needed; nothing was written"
+            f"{LEAST_AGREEMENT[precision]:.1%} are needed; nothing was written"
         )
+    comparison = None
+    if precision == "int8":
+        rival = Segmenter(_with_metadata(float_model, metadata), "the float graph")
+        judged = labelled[(len(labelled) + 1) // 2 :]
+        comparison = compare_speed_and_rails(segmenter, rival, judged)
+        if objection := comparison.objection():
+            raise RefusedError(f"int8 refused on this machine: {objection}; nothing was written")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_bytes(data)
     except OSError as error:
         raise BadInputError(f"cannot write {out}: {error.strerror}") from error
-    return Exported(out, len(data), (width, height), agreement, difference, nodes)
+    return Exported(
+        out, len(data), (width, height), agreement, difference, nodes, precision, comparison
+    )
 
 
 def compare(
@@ -182,7 +227,7 @@ def _with_metadata(model: onnx.ModelProto, metadata: BundleMetadata) -> bytes:
 def _public(recipe: dict[str, object]) -> dict[str, object]:
     """The recipe without the folders of the machine it ran on."""
     text = json.loads(json.dumps(recipe))
-    for group, names in (("data", ("train_folders", "val_folders")), ("run", ("out",))):
+    for group, names in (("data", ("train_folders", "val_folders", "railsem")), ("run", ("out",))):
         for name in names:
             text.get(group, {}).pop(name, None)
     text.pop("start_from", None)

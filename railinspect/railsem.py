@@ -2,19 +2,22 @@
 
 The archive's layout is ``rs19_val/{jpgs,uint8}/rs19_val/rs00000.{jpg,png}``; the innermost folder
 is optional here, so sets may also lie in ``DIR/jpgs/*.jpg`` and ``DIR/uint8/*.png``. Masks are
-8-bit class ids 0 … 18, and 255 for void.
+8-bit class ids 0 … 18, and 255 for void. Beside them lie ``jsons/…/rs00000.json`` with the geometry
+of each image and ``rs19-config.json`` with the class names in order of their ids.
 """
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.annotations import Annotation, Box, RailPair, Shape, rail_pair
 from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, VOID
 
@@ -37,8 +40,10 @@ def list_pairs(folder: Path) -> tuple[Pair, ...]:
     """Pair every image under ``folder/jpgs`` with its mask under ``folder/uint8``, by name.
 
     Raises:
-        BadInputError: if a folder is missing or empty, or an image has no mask.
+        BadInputError: if a folder is missing or empty, an image has no mask, or the set's own
+            ``rs19-config.json`` names other classes.
     """
+    _check_classes(folder / "rs19-config.json")
     images, masks = folder / "jpgs", folder / "uint8"
     for part in (images, masks):
         if not part.is_dir():
@@ -85,6 +90,71 @@ def read_pair(pair: Pair) -> tuple[Image, Image]:
             "for void; convert the mask to RailSem19's ids"
         )
     return image, mask
+
+
+def read_annotation(pair: Pair) -> Annotation:
+    """Read the geometry of one image from the JSON file beside it.
+
+    Raises:
+        BadInputError: if the file is missing or not in RailSem19's form.
+    """
+    folder = next((p for p in pair.image.parents if p.name == "jpgs"), pair.image.parent)
+    path = (folder.parent / "jsons" / pair.image.relative_to(folder)).with_suffix(".json")
+    data = _read_json(path)
+    rails: list[RailPair] = []
+    shapes: list[Shape] = []
+    boxes: list[Box] = []
+    try:
+        for number, thing in enumerate(data["objects"]):
+            label = str(thing["label"])
+            if "polyline-pair" in thing:
+                one, other = (_points(line) for line in thing["polyline-pair"])
+                rails.append(rail_pair(one, other, f"{label} {number}"))
+            elif "boundingbox" in thing:
+                left, top, right, bottom = (float(v) for v in thing["boundingbox"])
+                boxes.append(Box(label, (left, top, right, bottom)))
+            elif "polygon" in thing:
+                shapes.append(Shape(label, _points(thing["polygon"]), closed=True))
+            else:
+                shapes.append(Shape(label, _points(thing["polyline"]), closed=False))
+        size = (int(data["imgWidth"]), int(data["imgHeight"]))
+        name = str(data["frame"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInputError(
+            f"{path} is not in RailSem19's form ({type(error).__name__}: {error}); fetch it again"
+        ) from error
+    return Annotation(name, size, tuple(rails), tuple(shapes), tuple(boxes))
+
+
+def _points(values: Any) -> npt.NDArray[np.float64]:
+    points = np.array(values, float)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points of shape {points.shape}, expected (N, 2)")
+    return points
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}; check the data set") from error
+    except ValueError as error:
+        raise BadInputError(f"{path} is not JSON ({error}); fetch this file again") from error
+
+
+def _check_classes(path: Path) -> None:
+    if not path.is_file():
+        return
+    try:
+        names = tuple(str(label["name"]) for label in _read_json(path)["labels"])
+    except (KeyError, TypeError) as error:
+        raise BadInputError(f"{path} holds no list of labels; fetch this file again") from error
+    if names[: len(CLASSES)] != CLASSES:
+        wrong = next((n for n, c in zip(names, CLASSES, strict=False) if n != c), "too few")
+        raise BadInputError(
+            f"{path} orders other classes than RailSem19 ({wrong} first); masks with other ids "
+            "must be converted to RailSem19's"
+        )
 
 
 def _decode(path: Path, flags: int) -> Image:

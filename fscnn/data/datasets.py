@@ -14,10 +14,12 @@ from pathlib import Path
 import albumentations
 import cv2
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
+from fscnn.data.splits import Split, pairs_of
 from railinspect import scenes
 from railinspect.railsem import Image, list_pairs, read_pair
 
@@ -64,10 +66,17 @@ class SegmentationDataset(Dataset[tuple[Tensor, Tensor]]):
 
 
 class FolderSource:
-    """A RailSem19-layout folder, or some of its pairs."""
+    """A RailSem19-layout folder, or some of its pairs, or a part of a split of it."""
 
-    def __init__(self, folder: Path, limit: int | None = None) -> None:
-        self.pairs = list_pairs(folder)[:limit]
+    def __init__(
+        self,
+        folder: Path,
+        limit: int | None = None,
+        split: Split | None = None,
+        part: str = "train",
+    ) -> None:
+        pairs = list_pairs(folder) if split is None else pairs_of(folder, split, part)
+        self.pairs = pairs[:limit]
 
     def __len__(self) -> int:
         return len(self.pairs)
@@ -76,6 +85,14 @@ class FolderSource:
         """Read pair number ``index``, in order of file name."""
         return read_pair(self.pairs[index])
 
+    def name(self, index: int) -> str:
+        """Name of the image."""
+        return self.pairs[index].image.stem
+
+    def range_m(self, index: int) -> None:
+        """Pictures alone do not say how far things are."""
+        return
+
 
 class SceneSource:
     """Scenes rendered on the spot: index i is seed ``start + i``."""
@@ -83,14 +100,29 @@ class SceneSource:
     def __init__(self, start: int, count: int) -> None:
         self.start = start
         self.count = count
+        self._last: scenes.Rendered | None = None
 
     def __len__(self) -> int:
         return self.count
 
+    def _rendered(self, index: int) -> scenes.Rendered:
+        seed = self.start + index
+        if self._last is None or self._last.seed != seed:
+            self._last = scenes.render(seed)
+        return self._last
+
     def __call__(self, index: int) -> tuple[Image, Image]:
         """Render scene number ``index``."""
-        rendered = scenes.render(self.start + index)
+        rendered = self._rendered(index)
         return rendered.rgb, rendered.labels
+
+    def name(self, index: int) -> str:
+        """Name of the scene."""
+        return f"scene {self.start + index}"
+
+    def range_m(self, index: int) -> npt.NDArray[np.float32]:
+        """Range of each pixel along the track, metres; infinite in the sky."""
+        return self._rendered(index).depth_m
 
 
 class JoinedSource:

@@ -17,8 +17,10 @@ from fscnn.data.datasets import (
     SegmentationDataset,
     quiet_worker,
 )
+from fscnn.data.splits import Split, of_folder
 from fscnn.data.transforms import training_transform
 from railinspect.errors import BadInputError
+from railinspect.railsem import Pair
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,9 @@ class DataConfig:
         val_folders: Folders to validate on, at full size.
         val_scenes: Scenes rendered on the spot to validate on, ``[first seed, count]``.
         val_limit: Pairs used of each validation folder; 0 uses all.
+        railsem: RailSem19's folder, cut by ``split`` and added to the folders above.
+        split: ``paper`` (3000/500/500), ``full`` (6800/850/850), or a file of
+            ``python -m fscnn.data.splits``. The list drawn is saved beside the checkpoints.
         crop_wh: Size of a training sample, pixels; both divisible by 16.
         zoom: Least and largest magnification of a training sample.
         aspect: Largest stretch of a training sample, sideways against upwards.
@@ -45,6 +50,8 @@ class DataConfig:
     val_folders: list[str] = field(default_factory=list)
     val_scenes: list[int] = field(default_factory=list)
     val_limit: int = 0
+    railsem: str = ""
+    split: str = "paper"
     crop_wh: list[int] = field(default_factory=lambda: [480, 272])
     zoom: list[float] = field(default_factory=lambda: [0.75, 1.6])
     aspect: float = 1.15
@@ -54,21 +61,31 @@ class DataConfig:
     workers: int = 2
 
 
-def _join(folders: list[str], scenes: list[int], limit: int, what: str) -> JoinedSource:
-    sources: list[FolderSource | SceneSource] = [
-        FolderSource(Path(f), limit or None) for f in folders
-    ]
+def _join(config: DataConfig, split: Split | None, part: str) -> JoinedSource:
+    folders, scenes = (config.train_folders, config.train_scenes)
+    limit = None
+    if part == "val":
+        folders, scenes, limit = config.val_folders, config.val_scenes, config.val_limit or None
+    sources: list[FolderSource | SceneSource] = [FolderSource(Path(f), limit) for f in folders]
+    if split is not None:
+        sources.append(FolderSource(Path(config.railsem), limit, split, part))
     if scenes:
         if len(scenes) != 2 or scenes[1] < 1:
-            raise BadInputError(f"data.{what}_scenes must be [first seed, count], got {scenes}")
+            raise BadInputError(f"data.{part}_scenes must be [first seed, count], got {scenes}")
         sources.append(SceneSource(*scenes))
     if not sources:
-        raise BadInputError(f"no data to {what} on: set data.{what}_folders or data.{what}_scenes")
+        raise BadInputError(
+            f"no data to {part} on: set data.{part}_folders or data.{part}_scenes, or data.railsem"
+        )
     return JoinedSource(sources)
 
 
 class RailData(lightning.LightningDataModule):
-    """Training and validation loaders built from a :class:`DataConfig`."""
+    """Training and validation loaders built from a :class:`DataConfig`.
+
+    Attributes:
+        split: How RailSem19 is cut, where it is used.
+    """
 
     def __init__(self, config: DataConfig, seed: int = 0) -> None:
         super().__init__()
@@ -77,8 +94,15 @@ class RailData(lightning.LightningDataModule):
             raise BadInputError(f"data.crop_wh {config.crop_wh} must be divisible by 16")
         self.config = config
         self.seed = seed
-        self._train = _join(config.train_folders, config.train_scenes, 0, "train")
-        self._val = _join(config.val_folders, config.val_scenes, config.val_limit, "val")
+        self.split = of_folder(Path(config.railsem), config.split, seed) if config.railsem else None
+        self._train = _join(config, self.split, "train")
+        self._val = _join(config, self.split, "val")
+
+    @property
+    def train_files(self) -> tuple[Pair, ...]:
+        """All files trained on."""
+        sources = [s for s in self._train.sources if isinstance(s, FolderSource)]
+        return tuple(pair for source in sources for pair in source.pairs)
 
     def _loader(self, dataset: SegmentationDataset, **options: Any) -> Any:
         workers = self.config.workers

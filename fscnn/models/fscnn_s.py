@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from fscnn.models.blocks import InvertedResidual, Residual, conv_norm, resize_like
 from fscnn.models.message_passing import FoldedMessagePassing
 
-
 RAIL_PRIOR = -3.0
 """Logit of the share of rail pixels in a picture, about 5 %: where the rail scores start."""
 

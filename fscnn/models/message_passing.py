@@ -35,7 +35,7 @@ def bounded(kernels: Tensor) -> Tensor:
     return kernels / kernels.abs().sum((2, 3), keepdim=True).clamp(min=1.0)
 
 
-class _FourDirections(nn.Module):
+class FourDirections(nn.Module):
     """The four kernels, and which form of the passes runs them.
 
     SCNN is known to diverge, because a gain g above one per step grows as g^L over the L slices.
@@ -75,7 +75,7 @@ class _FourDirections(nn.Module):
         return FORMS[self.form](features, bounded(kernels) if self._bounds else kernels, axis)
 
 
-class FoldedMessagePassing(_FourDirections):
+class FoldedMessagePassing(FourDirections):
     """FSCNN: four passes that read the same input, concatenated (Wang et al. 2023, IV-C).
 
     F' = [F^U, F^D, F^R, F^L]
@@ -83,12 +83,17 @@ class FoldedMessagePassing(_FourDirections):
 
     def forward(self, features: Tensor) -> Tensor:
         """Map features (N, C, H, W) to (N, 4C, H, W), in the order up, down, right, left."""
+        if self.form == "fast":  # both axes then read whole channel vectors
+            features = features.contiguous(memory_format=torch.channels_last)
         down, up = self._pass(features, "vertical")
         right, left = self._pass(features, "horizontal")
+        if self.form == "fast":  # whole channel vectors again, in one copy
+            rows = [part.permute(0, 2, 3, 1) for part in (up, down, right, left)]
+            return torch.cat(rows, 3).permute(0, 3, 1, 2)
         return torch.cat([up, down, right, left], 1)
 
 
-class SequentialMessagePassing(_FourDirections):
+class SequentialMessagePassing(FourDirections):
     """SCNN: down, up, right, left, each reading the last one's output (Pan et al. 2018).
 
     The two directions of an axis cannot advance together here, so only the reference form exists;
@@ -98,7 +103,7 @@ class SequentialMessagePassing(_FourDirections):
     def forward(self, features: Tensor) -> Tensor:
         """Map features (N, C, H, W) to (N, C, H, W)."""
         for kernels, dim in ((self.vertical, 2), (self.horizontal, 3)):
-            for direction, kernel in enumerate(bounded(kernels)):
+            for direction, kernel in enumerate(bounded(kernels) if self._bounds else kernels):
                 features = _single_pass(features, kernel, dim, reverse=direction == 1)
         return features
 

@@ -84,61 +84,113 @@ def pass_fast(features: Tensor, kernels: Tensor, axis: Axis) -> tuple[Tensor, Te
     # Slices first and channels last: a slice's k-tap windows are then contiguous runs of memory.
     to_slices = (2, 0, 3, 1) if axis == "vertical" else (3, 0, 2, 1)
     to_maps = (1, 3, 0, 2) if axis == "vertical" else (1, 3, 2, 0)
-    moved = _BothWays.apply(features.permute(to_slices), kernels.to(features.dtype))
-    return moved[:, 0].permute(to_maps), moved[:, 1].flip(0).permute(to_maps)
+    forwards, backwards = _BothWays.apply(features.permute(to_slices), kernels.to(features.dtype))
+    return forwards.permute(to_maps), backwards.permute(to_maps)
+
+
+def _facing(slices: Tensor, step: int) -> Tensor:
+    """The slices both directions are at in one step, as one view without a copy.
+
+    Args:
+        slices: Contiguous maps of both directions, slices in the map's order, (2, L, N, E, C).
+        step: 0 … L − 1; slice ``step`` of travel forwards, slice L − 1 − ``step`` backwards.
+
+    Returns:
+        Shape (2, N, E, C).
+    """
+    _, length, batch, extent, channels = slices.shape
+    one = batch * extent * channels  # elements of a slice
+    apart = one * (2 * length - 1 - 2 * step)
+    shape = (2, batch, extent, channels)
+    return slices.as_strided(shape, (apart, extent * channels, channels, 1), step * one)
 
 
 def _windows(padded: Tensor, taps: int) -> Tensor:
-    """All k-tap windows of padded slices: (2, N, E + k − 1, C) → (2, N·E, k·C)."""
+    """All k-tap windows of padded slices: (2, N, E + k − 1, C) → (2, N, E, k·C), overlapping."""
     two, batch, extent, channels = padded.shape
-    stride = padded.stride()
-    view = padded.as_strided(
-        (two, batch, extent - taps + 1, taps * channels), stride, padded.storage_offset()
-    )
-    return view.reshape(two, -1, taps * channels)
+    shape = (two, batch, extent - taps + 1, taps * channels)
+    return padded.as_strided(shape, padded.stride(), padded.storage_offset())
+
+
+def _padded(length: int, batch: int, extent: int, pad: int, like: Tensor) -> tuple[Tensor, Tensor]:
+    """Room for both directions' slices with zeros around, and the view of the slices in it."""
+    room = like.new_empty(2, length, batch, extent + 2 * pad, like.shape[-1])
+    room[..., :pad, :] = 0
+    room[..., pad + extent :, :] = 0
+    return room, room[..., pad : pad + extent, :]
 
 
 class _BothWays(torch.autograd.Function):
-    """Recurrence over slices (L, N, E, C) → (L, 2, N, E, C), each direction in travel order."""
+    """Recurrence over slices (L, N, E, C); both directions' results, each of that shape."""
 
     @staticmethod
-    def forward(ctx: Any, slices: Tensor, kernels: Tensor) -> Tensor:
+    def forward(ctx: Any, slices: Tensor, kernels: Tensor) -> tuple[Tensor, Tensor]:
         length, batch, extent, channels = slices.shape
         taps = kernels.shape[3]
         pad = taps // 2
-        state = slices.new_zeros(length, 2, batch, extent + 2 * pad, channels)
-        inner = state[:, :, :, pad : pad + extent]
-        inner[:, 0] = slices
-        inner[:, 1] = slices.flip(0)
+        state, inner = _padded(length, batch, extent, pad, slices)
+        inner[0] = slices
+        inner[1] = inner[0]
         weight = kernels.permute(0, 3, 2, 1).reshape(2, taps * channels, channels)
-        messages = slices.new_zeros(length, 2, batch * extent, channels)
+        keep = any(ctx.needs_input_grad)
+        messages = slices.new_empty(2, length if keep else 1, batch, extent, channels)
+        window = slices.new_empty(2, batch, extent, taps * channels)
         for i in range(1, length):
-            torch.bmm(_windows(state[i - 1], taps), weight, out=messages[i])
-            messages[i].relu_()
-            inner[i] += messages[i].view(2, batch, extent, channels)
-        ctx.save_for_backward(state, messages, kernels)
-        return inner
+            window.copy_(_windows(_facing(state, i - 1), taps))
+            message = _facing(messages, i if keep else 0)
+            torch.bmm(window.flatten(1, 2), weight, out=message.flatten(1, 2))
+            _facing(state, i)[:, :, pad : pad + extent] += message.relu_()
+        if keep:
+            ctx.save_for_backward(state, messages, kernels)
+        return inner[0], inner[1]
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, Tensor]:
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor]:
         state, messages, kernels = ctx.saved_tensors
-        length, _, batch, extent, channels = grad.shape
+        _, length, batch, extent, channels = messages.shape
         taps = kernels.shape[3]
         pad = taps // 2
-        total = grad.contiguous().clone()
-        reached = torch.zeros_like(state)  # gradient at each convolution's result, padded
-        inner = reached[:, :, :, pad : pad + extent]
+        total = torch.stack(gradients)
+        # Gradient at each convolution's result, padded; the first slices in travel have none.
+        reached, _ = _padded(length, batch, extent, pad, total)
+        _facing(reached, 0).zero_()
         # The adjoint of a correlation: taps reversed, channels exchanged.
         adjoint = kernels.flip(3).permute(0, 3, 1, 2).reshape(2, taps * channels, channels)
+        window = total.new_empty(2, batch, extent, taps * channels)
         for i in range(length - 1, 0, -1):
-            open_ = messages[i].view(2, batch, extent, channels) > 0
-            torch.mul(total[i], open_, out=inner[i])
-            total[i - 1] += torch.bmm(_windows(reached[i], taps), adjoint).view_as(total[i - 1])
-        sent = inner[1:].permute(1, 4, 0, 2, 3).reshape(2, channels, -1)  # (2, C, P)
-        grad_kernels = torch.empty_like(kernels)
-        for tap in range(taps):
-            read = state[:-1, :, :, tap : tap + extent]
-            read = read.permute(1, 0, 2, 3, 4).reshape(2, -1, channels)  # (2, P, C)
-            grad_kernels[..., tap] = torch.bmm(sent, read)
-        return total[:, 0] + total[:, 1].flip(0), grad_kernels
+            here = _facing(reached, i)
+            torch.ops.aten.threshold_backward.grad_input(  # ReLU's, without a copy
+                _facing(total, i),
+                _facing(messages, i),
+                0,
+                grad_input=here[:, :, pad : pad + extent],
+            )
+            window.copy_(_windows(here, taps))
+            back = torch.bmm(window.flatten(1, 2), adjoint)
+            _facing(total, i - 1).add_(back.view(2, batch, extent, channels))
+        return total[0] + total[1], _kernel_gradient(state, reached, taps)
+
+
+def _kernel_gradient(state: Tensor, reached: Tensor, taps: int) -> Tensor:
+    """Gradient of the kernels: one product per tap over all places of all slices at once.
+
+    ∂/∂K[o, c, t] = Σ G_{i+1}[e, o] · F'_i[e + t, c], with slice i + 1 the next in travel. All rows
+    of a direction lie one behind the other, so a tap and a slice are both an offset; what then
+    runs over a row's end meets the zeros G is padded with.
+
+    Args:
+        state: Padded results F', shape (2, L, N, E + k − 1, C).
+        reached: Padded gradient G at the convolutions' results, same shape.
+        taps: k.
+    """
+    _, length, batch, rows, channels = state.shape
+    pad, slice_, direction = taps // 2, batch * rows, length * batch * rows
+    shape = (2, (length - 1) * slice_ - 2 * pad, channels)
+    if length == 1:
+        return state.new_zeros(2, channels, channels, taps)
+    strides = ((direction - slice_) * channels, channels, 1)
+    sent = reached.as_strided(shape, strides, (slice_ + pad) * channels).transpose(1, 2)
+    strides = ((direction + slice_) * channels, channels, 1)
+    each = [torch.bmm(sent, state.as_strided(shape, strides, t * channels)) for t in range(taps)]
+    return torch.stack(each, 3)

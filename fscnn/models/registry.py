@@ -8,11 +8,21 @@ from typing import Any
 
 from torch import nn
 
+from fscnn.models.deeplab import DeepLab, DeepLabConfig
+from fscnn.models.frrn import Frrn, FrrnConfig
+from fscnn.models.fscnn import Fscnn, FscnnConfig
 from fscnn.models.fscnn_s import FscnnS, FscnnSConfig
+from fscnn.models.lraspp import Lraspp, LrasppConfig
+from fscnn.models.scnn import Scnn, ScnnConfig
 from railinspect.errors import BadInputError
 
 _NETWORKS: dict[str, tuple[type[nn.Module], type[Any]]] = {
     "fscnn_s": (FscnnS, FscnnSConfig),
+    "fscnn": (Fscnn, FscnnConfig),
+    "scnn": (Scnn, ScnnConfig),
+    "frrn_b": (Frrn, FrrnConfig),
+    "deeplabv3": (DeepLab, DeepLabConfig),
+    "lraspp": (Lraspp, LrasppConfig),
 }
 
 NAMES = tuple(_NETWORKS)

@@ -50,6 +50,9 @@ class RunConfig:
         validate_every: Steps between validations; 0 validates after every epoch.
         tensorboard: Write TensorBoard logs.
         progress: Show a progress bar.
+        examples: Validation pictures shown in ``examples.png`` and in TensorBoard.
+        recalibrate: Training batches on which the batch norms of the averaged weights are measured
+            again after training; the result is kept where it is better. 0 does not try.
     """
 
     out: str = "runs/fscnn_s"
@@ -62,6 +65,8 @@ class RunConfig:
     validate_every: int = 0
     tensorboard: bool = False
     progress: bool = True
+    examples: int = 4
+    recalibrate: int = 0
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,8 @@ class TrainConfig:
         seed: Seed of weights, order and transforms.
         network: Name in the registry.
         settings: Settings of the network that differ from its defaults.
-        start_from: Checkpoint whose weights training starts from; empty starts from random ones.
+        start_from: Checkpoint whose weights training starts from, or ``imagenet`` for the published
+            weights of the network's backbone; empty starts from random ones.
         fold_norms: Fold the batch norms of ``start_from`` into its kernels and train on without:
             1.6 times as many samples per second on a CPU, at a lower rate.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import logging
 import math
 import shutil
@@ -11,29 +12,30 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import lightning
 import torch
-from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from fscnn.data.datasets import FolderSource
-from fscnn.data.module import DataConfig, RailData
+from fscnn.data.module import RailData
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
 from fscnn.training import checkpoint as checkpoints
 from fscnn.training.config import TrainConfig, save
 from fscnn.training.module import SegmentationModule
+from fscnn.training.norms import recalibrated
+from fscnn.training.pictures import Examples
 from railinspect.errors import BadInputError
 
 
-def data_fingerprint(config: DataConfig) -> str:
+def data_fingerprint(data: RailData) -> str:
     """SHA-256 over the names and sizes of all training files, and the rendered seeds."""
-    digest = hashlib.sha256(repr(config.train_scenes).encode())
-    for folder in config.train_folders:
-        for pair in FolderSource(Path(folder)).pairs:
-            for path in (pair.image, pair.mask):
-                digest.update(f"{path.name} {path.stat().st_size}\n".encode())
+    digest = hashlib.sha256(repr(data.config.train_scenes).encode())
+    for pair in data.train_files:
+        for path in (pair.image, pair.mask):
+            digest.update(f"{path.name} {path.stat().st_size}\n".encode())
     return digest.hexdigest()
 
 
@@ -84,9 +86,14 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     data = RailData(config.data, config.seed)
     network = build(config.network, config.settings)
     folded = config.fold_norms
-    if folded and not config.start_from:
+    if folded and config.start_from in ("", "imagenet"):
         raise BadInputError("fold_norms needs trained norms: set start_from to a checkpoint")
-    if config.start_from:
+    if config.start_from == "imagenet":
+        backbone = getattr(network, "backbone", None)
+        if backbone is None:
+            raise BadInputError(f"network {config.network} has no published backbone to start from")
+        backbone.load_imagenet()
+    elif config.start_from:
         started = checkpoints.load(Path(config.start_from))
         if (started.name, started.settings) != (config.network, settings_of(network)):
             raise BadInputError(
@@ -105,7 +112,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         config.optimiser.average,
         run.channels_last,
         asdict(config),
-        data_fingerprint(config.data),
+        data_fingerprint(data),
         config.seed,
         folded,
     )
@@ -115,6 +122,8 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     out = Path(run.out)
     out.mkdir(parents=True, exist_ok=True)
     save(config, out / "config.yaml")
+    if data.split is not None:
+        data.split.save(out / "split.json")
     keep = ModelCheckpoint(
         out,
         "best",
@@ -124,6 +133,9 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         save_on_train_epoch_end=False,
         enable_version_counter=False,
     )
+    callbacks: list[Any] = [keep, Examples(out, run.examples)]
+    if schedule.patience > 0:
+        callbacks.append(EarlyStopping("val/rail_iou", mode="max", patience=schedule.patience))
     logger = TensorBoardLogger(out, "") if run.tensorboard else CSVLogger(out, "")
     trainer = lightning.Trainer(
         accelerator=run.accelerator,
@@ -136,7 +148,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         check_val_every_n_epoch=None if run.validate_every else 1,
         num_sanity_val_steps=0,
         log_every_n_steps=20,
-        callbacks=[keep],
+        callbacks=callbacks,
         logger=logger,
         default_root_dir=out,
         enable_progress_bar=run.progress,
@@ -144,10 +156,38 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         use_distributed_sampler=run.devices > 1,
     )
     trainer.fit(module, data, ckpt_path=resume, weights_only=True)
-    metrics = {k: float(v) for k, v in trainer.validate(module, data, verbose=False)[0].items()}
+    metrics = _validated(trainer, module, data)
+    if run.recalibrate > 0:
+        metrics = _try_recalibrated(trainer, module, data, run.recalibrate, metrics)
     # The run may end between two validations, and its last weights are often the best.
     trainer.save_checkpoint(out / "last.ckpt", weights_only=False)
     best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
     if math.isnan(best) or metrics["val/rail_iou"] >= best:
         shutil.copyfile(out / "last.ckpt", out / "best.ckpt")
     return metrics
+
+
+def _validated(
+    trainer: lightning.Trainer, module: SegmentationModule, data: RailData
+) -> dict[str, float]:
+    return {k: float(v) for k, v in trainer.validate(module, data, verbose=False)[0].items()}
+
+
+def _try_recalibrated(
+    trainer: lightning.Trainer,
+    module: SegmentationModule,
+    data: RailData,
+    batches: int,
+    before: dict[str, float],
+) -> dict[str, float]:
+    """Measure the norms of the averaged weights again, and keep that if rails get no worse."""
+    average = module.average
+    loader = itertools.islice(data.train_dataloader(), batches)
+    images = (module.scaled(batch[0].to(module.device)) for batch in loader)
+    kept, average.network = average.network, recalibrated(average.network, images)
+    after = _validated(trainer, module, data)
+    better = after["val/rail_iou"] >= before["val/rail_iou"]
+    if not better:
+        average.network = kept
+    gain = {"norms/rail_iou_gain": after["val/rail_iou"] - before["val/rail_iou"]}
+    return (after if better else before) | gain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -92,6 +93,10 @@ class Scores:
             place = np.minimum((sure * _RELIABILITY_BINS).astype(int), _RELIABILITY_BINS - 1)
             for row, weights in enumerate((None, sure, right)):
                 self._reliability[row] += np.bincount(place, weights, _RELIABILITY_BINS)
+
+    def totals(self) -> list[npt.NDArray[Any]]:
+        """The running totals, for processes that each judged a part to add up in place."""
+        return [self.matrix, self._met, self._reliability]
 
     def summary(self) -> dict[str, float | int | dict[str, float]]:
         """All metrics by name; NaN where there was nothing to judge."""

@@ -71,9 +71,10 @@ class SegmentationModule(lightning.LightningModule):
 
     def forward(self, images: Tensor) -> Tensor:
         """Class scores of uint8 images (N, 3, H, W)."""
-        return self.network(self._scaled(images))
+        return self.network(self.scaled(images))
 
-    def _scaled(self, images: Tensor) -> Tensor:
+    def scaled(self, images: Tensor) -> Tensor:
+        """What the network takes: uint8 images as 0 … 1 in its memory format."""
         return images.to(torch.float32).div_(255).contiguous(memory_format=self.format)
 
     def on_fit_start(self) -> None:
@@ -102,7 +103,7 @@ class SegmentationModule(lightning.LightningModule):
         images, masks = batch
         terms = self.loss(self(images), masks)
         if not torch.isfinite(terms["total"]):
-            raise explain_divergence(self.network, self._scaled(images), self.global_step)
+            raise explain_divergence(self.network, self.scaled(images), self.global_step)
         if batch_idx % 20 == 0:
             done = self._progress()
             for term, value in terms.items():
@@ -126,13 +127,19 @@ class SegmentationModule(lightning.LightningModule):
     def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
         """Score the averaged network on one batch."""
         images, masks = batch
-        scores = self.average.network(self._scaled(images))
+        scores = self.average.network(self.scaled(images))
         labels, confidence, _ = decide(scores, images.shape[2] // scores.shape[2])
         for mask, label, sure in zip(masks, labels, confidence, strict=True):
             self.scores.add(mask.cpu().numpy(), label.cpu().numpy(), sure.cpu().numpy())
 
     def on_validation_epoch_end(self) -> None:
-        """Log the scores of this validation."""
+        """Log the scores of this validation, of all processes together."""
+        if self.trainer.world_size > 1:
+            for total in self.scores.totals():
+                summed = self.trainer.strategy.reduce(
+                    torch.from_numpy(total).to(self.device), reduce_op="sum"
+                )
+                total[...] = summed.cpu().numpy()
         summary = self.scores.summary()
         for metric in ("rail_iou", "mean_iou", "accuracy", "thin_f"):
             value = float(summary[metric])  # type: ignore[arg-type]

@@ -19,6 +19,8 @@ class ScheduleConfig:
         warmup: Fraction of the whole run over which the rate rises linearly.
         shape: ``cosine`` or ``poly`` (power 0.9).
         final: Last learning rate as a fraction of the peak.
+        patience: Validations in a row without a better rail IoU after which training stops; 0
+            never stops early.
     """
 
     max_epochs: int = -1
@@ -27,6 +29,7 @@ class ScheduleConfig:
     warmup: float = 0.03
     shape: str = "cosine"
     final: float = 0.005
+    patience: int = 0
 
 
 def rate_factor(progress: float, config: ScheduleConfig) -> float:

@@ -1,5 +1,6 @@
 """Export against the network it came from: parity, graph, metadata, refusals, command line."""
 
+import collections
 import json
 import warnings
 from pathlib import Path
@@ -13,9 +14,10 @@ from torch import nn
 from export.__main__ import main
 from export.bundle import FORBIDDEN, Exported, ParityError, compare, count_nodes, export
 from export.deployed import Deployed
+from export.quantise import Comparison, RefusedError, compare_speed_and_rails
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
-from fscnn.training.checkpoint import KEY, Trained
+from fscnn.training.checkpoint import KEY, Trained, load
 from fscnn.training.evaluation import evaluate, load_model
 from railinspect.bundle import golden_image
 from railinspect.errors import BadInputError
@@ -54,6 +56,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     held = {
         "network": "fscnn_s",
         "settings": settings_of(network),
+        "norms_folded": False,
         "average": network.state_dict(),
         "recipe": {"seed": 4, "data": {"train_folders": ["/somewhere"]}, "run": {"out": "/else"}},
         "fingerprint": "ab" * 32,
@@ -188,7 +191,7 @@ def test_disagreeing_bundle_is_not_written(
 ) -> None:
     graph = onnx.load(exported[0])
     monkeypatch.setattr("export.bundle._to_onnx", lambda deployed, size_wh: graph)
-    other = Trained(lively_network(5), "fscnn_s", {}, {}, "", 0)
+    other = Trained(lively_network(5), "fscnn_s", {}, False, {}, "", 0)
     with pytest.raises(ParityError, match=r"of the bundle's labels equal the checkpoint's"):
         export(other, tmp_path / "b.onnx", SIZE_WH)
     graph.graph.node[0].op_type = "ScatterND"
@@ -199,7 +202,7 @@ def test_disagreeing_bundle_is_not_written(
 
 @pytest.mark.parametrize("size_wh", [(100, 64), (96, 60), (48, 48)])
 def test_sizes_that_do_not_fit(tmp_path: Path, size_wh: tuple[int, int]) -> None:
-    trained = Trained(nn.Identity(), "fscnn_s", {}, {}, "", 0)
+    trained = Trained(nn.Identity(), "fscnn_s", {}, False, {}, "", 0)
     with pytest.raises(BadInputError, match="divisible by 16 and at least 64"):
         export(trained, tmp_path / "b.onnx", size_wh)
 
@@ -212,3 +215,113 @@ def test_command_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixtur
     with pytest.raises(SystemExit), warnings.catch_warnings():
         main(["x.ckpt", "--out", "b.onnx", "--size", "640"])
     assert "is not WIDTHxHEIGHT" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def trained(checkpoint: Path) -> Trained:
+    return load(checkpoint)
+
+
+def test_half_precision_halves_the_file(
+    tmp_path: Path, trained: Trained, exported: tuple[Path, dict[str, object]]
+) -> None:
+    images = tuple(draw(seed)[0] for seed in range(2))
+    done = export(trained, tmp_path / "half.onnx", SIZE_WH, images, "fp16")
+    assert done.agreement >= 0.99
+    model = onnx.load(done.path)
+    kinds = collections.Counter()
+    for tensor in model.graph.initializer:
+        kinds[tensor.data_type] += int(np.prod(tensor.dims))
+    assert kinds[onnx.TensorProto.FLOAT16] > 20 * kinds[onnx.TensorProto.FLOAT]
+    assert Segmenter.load(done.path).metadata.training["precision"] == "fp16"
+
+
+def int8_export(
+    monkeypatch: pytest.MonkeyPatch,
+    trained: Trained,
+    exported: tuple[Path, dict[str, object]],
+    out: Path,
+    measured: Comparison | None,
+) -> Exported:
+    monkeypatch.setattr("export.bundle._to_onnx", lambda *_: onnx.load(exported[0]))
+    if measured is not None:
+        monkeypatch.setattr("export.bundle.compare_speed_and_rails", lambda *_: measured)
+    labelled = [draw(seed) for seed in range(6)]
+    return export(trained, out, SIZE_WH, (), "int8", labelled)
+
+
+def test_eight_bits_are_kept_where_they_are_faster_and_keep_the_rails(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    trained: Trained,
+    exported: tuple[Path, dict[str, object]],
+) -> None:
+    better = Comparison(0.001, 0.002, 0.50, 0.505)
+    done = int8_export(monkeypatch, trained, exported, tmp_path / "b.onnx", better)
+    assert done.comparison == better
+    assert done.nodes["QuantizeLinear"] > 10
+    assert done.nodes["DequantizeLinear"] > 20
+    assert done.agreement > 0.5  # it still says much the same
+    assert verify(Segmenter.load(done.path), repeats=1).passed
+
+
+@pytest.mark.parametrize(
+    ("measured", "reason"),
+    [
+        (Comparison(0.003, 0.002, 0.5, 0.5), r"takes 3\.0 ms a frame where the float.* 2\.0 ms"),
+        (Comparison(0.001, 0.002, 0.48, 0.5), r"rail IoU is 0\.480 where the float.* is 0\.500"),
+        (Comparison(0.003, 0.002, np.nan, 0.5), r"3\.0 ms .* and its rail IoU is nan"),
+    ],
+)
+def test_eight_bits_are_refused_otherwise_and_the_message_says_why(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    trained: Trained,
+    exported: tuple[Path, dict[str, object]],
+    measured: Comparison,
+    reason: str,
+) -> None:
+    with pytest.raises(RefusedError, match=f"int8 refused on this machine: it.*{reason}"):
+        int8_export(monkeypatch, trained, exported, tmp_path / "b.onnx", measured)
+    assert not list(tmp_path.iterdir())
+
+
+def test_eight_bits_are_measured_not_assumed(exported: tuple[Path, dict[str, object]]) -> None:
+    segmenter = Segmenter.load(exported[0], threads=1)
+    labelled = [draw(seed) for seed in range(2)]
+    found = compare_speed_and_rails(segmenter, segmenter, labelled, repeats=3)
+    assert found.frame_s > 0
+    assert found.float_frame_s > 0
+    assert (
+        found.rail_iou
+        == found.float_rail_iou
+        == evaluate(segmenter, labelled).summary()["rail_iou"]
+    )
+
+
+def test_precisions_that_cannot_be_had(tmp_path: Path, trained: Trained) -> None:
+    with pytest.raises(BadInputError, match="unknown precision 'fp8'; known: fp32, fp16, int8"):
+        export(trained, tmp_path / "b.onnx", SIZE_WH, (), "fp8")
+    with pytest.raises(BadInputError, match=r"int8 needs labelled images .* got 1"):
+        export(trained, tmp_path / "b.onnx", SIZE_WH, (), "int8", [draw(0)])
+
+
+def test_published_backbone_exports_at_another_size(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    settings = {
+        "backbone": "mobilenet_v3_small",
+        "message_channels": 8,
+        "message_taps": 3,
+        "context": 8,
+        "rates": [2],
+        "light": True,
+        "decoder": [8, 8, 8],
+    }
+    network = build("fscnn", settings).eval()
+    other = Trained(network, "fscnn", settings, False, {}, "", 0)
+    images = tuple(draw(seed, 160, 96)[0] for seed in range(2))
+    done = export(other, tmp_path / "mobile.onnx", (160, 96), images)
+    assert done.agreement >= 0.999
+    assert done.input_size_wh == (160, 96)
+    assert not set(done.nodes) & set(FORBIDDEN)
+    assert Segmenter.load(done.path).metadata.network == "fscnn"

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import cv2
@@ -5,7 +6,8 @@ import numpy as np
 import pytest
 
 from railinspect.errors import BadInputError
-from railinspect.railsem import Pair, list_pairs, read_pair
+from railinspect.labels import CLASSES
+from railinspect.railsem import Pair, list_pairs, read_annotation, read_pair
 from tests.fscnn.drawing import write_set
 
 
@@ -79,4 +81,60 @@ def test_folder_of_another_layout(tmp_path: Path) -> None:
     for part in ("jpgs", "uint8"):
         (tmp_path / part).mkdir()
     with pytest.raises(BadInputError, match=r"no \*\.jpg image lies under"):
+        list_pairs(tmp_path)
+
+
+def write_annotation(folder: Path, content: object) -> Pair:
+    write_set(folder, 1, inner="rs19_val")
+    path = folder / "jsons/rs19_val/rs00000.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps(content))
+    return list_pairs(folder)[0]
+
+
+def test_reads_the_geometry_beside_an_image(tmp_path: Path) -> None:
+    things = [
+        {"label": "rail", "polyline-pair": [[[80, 60], [50, 20]], [[10, 60], [40, 20]]]},
+        {"label": "guard-rail", "polyline": [[1, 2], [3, 4]]},
+        {"label": "platform", "polygon": [[1, 2], [3, 4], [5, 6]]},
+        {"label": "buffer-stop", "boundingbox": [1, 2, 30, 40]},
+    ]
+    pair = write_annotation(
+        tmp_path, {"frame": "rs00000", "imgWidth": 96, "imgHeight": 64, "objects": things}
+    )
+    annotation = read_annotation(pair)
+    assert (annotation.name, annotation.size_wh) == ("rs00000", (96, 64))
+    (track,) = annotation.rails
+    assert track.left_uv.tolist() == [[40, 20], [10, 60]]  # ordered, though given right first
+    assert track.right_uv.tolist() == [[50, 20], [80, 60]]
+    assert [(s.label, s.closed, len(s.points_uv)) for s in annotation.shapes] == [
+        ("guard-rail", False, 2),
+        ("platform", True, 3),
+    ]
+    assert annotation.boxes[0].box_xyxy == (1, 2, 30, 40)
+
+
+def test_geometry_of_another_form(tmp_path: Path) -> None:
+    pair = write_annotation(tmp_path, {"frame": "rs00000", "objects": [{"label": "rail"}]})
+    with pytest.raises(BadInputError, match=r"rs00000\.json is not in RailSem19's form"):
+        read_annotation(pair)
+    (tmp_path / "jsons/rs19_val/rs00000.json").write_text("{")
+    with pytest.raises(BadInputError, match="is not JSON"):
+        read_annotation(pair)
+    (tmp_path / "jsons/rs19_val/rs00000.json").unlink()
+    with pytest.raises(BadInputError, match=r"cannot read .*rs00000\.json"):
+        read_annotation(pair)
+
+
+def test_the_sets_own_classes_must_be_ours(tmp_path: Path) -> None:
+    write_set(tmp_path, 1)
+    labels = [{"name": name} for name in CLASSES]
+    config = tmp_path / "rs19-config.json"
+    config.write_text(json.dumps({"labels": labels}))
+    assert len(list_pairs(tmp_path)) == 1
+    config.write_text(json.dumps({"labels": labels[1:]}))
+    with pytest.raises(BadInputError, match=r"orders other classes than RailSem19 \(sidewalk"):
+        list_pairs(tmp_path)
+    config.write_text("{}")
+    with pytest.raises(BadInputError, match="holds no list of labels"):
         list_pairs(tmp_path)

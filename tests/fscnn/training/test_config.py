@@ -1,7 +1,9 @@
 from pathlib import Path
 
 import pytest
+import torch
 
+from fscnn.models import build, settings_of
 from fscnn.training.config import TrainConfig, load, save
 from fscnn.training.schedule import Clock, ScheduleConfig, rate_factor
 from railinspect.errors import BadInputError
@@ -22,7 +24,10 @@ def test_defaults_then_file_then_command_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
 def test_every_shipped_configuration_loads(path: Path) -> None:
-    assert load(path).network
+    config = load(path)
+    with torch.device("meta"):
+        assert settings_of(build(config.network, config.settings))
+    assert Path(config.run.out).name == path.stem
 
 
 def test_saved_configuration_reads_back_equal(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -15,6 +17,7 @@ from fscnn.training.config import TrainConfig, load
 from fscnn.training.fit import fit
 from fscnn.training.guard import DivergedError, explain_divergence
 from fscnn.training.module import SegmentationModule
+from fscnn.training.norms import recalibrated
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
 
@@ -55,6 +58,7 @@ def overfitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str
         "run.validate_every=110",
         "optimiser.rate=0.01",
         "optimiser.average=0.9",
+        "run.recalibrate=2",
     )
     return folder, fit(config)
 
@@ -62,6 +66,64 @@ def overfitted(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str
 def test_overfits_eight_images(overfitted: tuple[Path, dict[str, float]]) -> None:
     _, metrics = overfitted
     assert metrics["val/rail_iou"] >= 0.95
+
+
+def test_shows_examples_and_what_measuring_the_norms_again_would_gain(
+    overfitted: tuple[Path, dict[str, float]],
+) -> None:
+    folder, metrics = overfitted
+    assert -1 <= metrics["norms/rail_iou_gain"] <= 1
+    sheet = cv2.imread(str(folder / "run/examples.png"))
+    assert sheet is not None
+    assert sheet.shape == (4 * 182, 3 * 270, 3)
+    truth, predicted = sheet[:, 270:540].astype(int), sheet[:, 540:].astype(int)
+    assert (np.abs(truth - predicted).max(-1) < 30).mean() > 0.9
+
+
+def test_norms_measured_again_are_those_of_the_batches() -> None:
+    torch.manual_seed(0)
+    network = nn.Sequential(nn.Conv2d(3, 4, 1), nn.BatchNorm2d(4)).eval()
+    batches = [torch.rand(8, 3, 5, 6) for _ in range(3)]
+    with torch.no_grad():
+        maps = torch.stack([network[0](images) for images in batches])  # (3, 8, 4, 5, 6)
+    found = recalibrated(network, batches)[1]
+    torch.testing.assert_close(found.running_mean, maps.mean((0, 1, 3, 4)))
+    each = maps.transpose(1, 2).flatten(2).var(2).mean(0)  # of each batch, then their mean
+    torch.testing.assert_close(found.running_var, each)
+    assert found.momentum == network[1].momentum
+    assert not found.training
+    assert network[1].running_mean.tolist() == [0] * 4
+
+
+def test_stops_early_where_nothing_gets_better(tmp_path: Path) -> None:
+    config = tiny_run(
+        tmp_path,
+        "schedule.max_steps=60",
+        "schedule.patience=2",
+        "run.validate_every=2",
+        "run.examples=0",
+        "optimiser.rate=1e-12",
+    )
+    fit(config)
+    assert checkpoint.load(tmp_path / "run/last.ckpt").steps <= 8
+    assert not (tmp_path / "run/examples.png").exists()
+
+
+def test_tensorboard_shows_the_examples(tmp_path: Path) -> None:
+    event_accumulator = pytest.importorskip(
+        "tensorboard.backend.event_processing.event_accumulator", reason="needs tensorboard"
+    )
+    fit(tiny_run(tmp_path, "schedule.max_steps=2", "run.tensorboard=true", "run.examples=2"))
+    (folder,) = {p.parent for p in (tmp_path / "run").rglob("events.out.tfevents.*")}
+    found = event_accumulator.EventAccumulator(str(folder)).Reload()
+    (picture, *_) = found.Images("val/examples")
+    assert (picture.width, picture.height) == (3 * 270, 2 * 182)
+    assert "val/rail_iou" in found.Tags()["scalars"]
+
+
+def test_published_weights_need_a_published_backbone(tmp_path: Path) -> None:
+    with pytest.raises(BadInputError, match="network fscnn_s has no published backbone"):
+        fit(tiny_run(tmp_path, "schedule.max_steps=1", "start_from=imagenet"))
 
 
 def test_leaves_best_last_and_the_resolved_configuration(
@@ -123,7 +185,7 @@ def _fit_one_epoch(config: TrainConfig) -> None:
         use_distributed_sampler=False,
     )
     trainer.fit(module, data)
-    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt")
+    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt", weights_only=False)
 
 
 def test_training_goes_on_with_folded_norms(

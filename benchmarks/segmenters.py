@@ -1,0 +1,227 @@
+"""FSCNN against its rivals, same training code and same budget, in one run.
+
+    python -m benchmarks.segmenters [--json] [--minutes 20] [--parts speed train …]
+
+Parts: ``speed`` exports the mobile networks with random weights and times them in ONNX Runtime;
+``overfit`` trains on eight rendered images; ``train`` trains the mobile FSCNN and the mobile
+LR-ASPP from random weights on rendered scenes, ``--minutes`` each for every seed, and scores both
+on held-out scenes; ``gpu`` times training steps on ResNet-50, where there is a GPU. The rendered
+sets are kept in ``--out`` and used again.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import torch
+
+from benchmarks.common import Measure, alternating_medians, parser, publish
+from export.bundle import Exported, export
+from fscnn.data.datasets import FolderSource
+from fscnn.models import build
+from fscnn.training import config
+from fscnn.training.checkpoint import Trained
+from fscnn.training.evaluation import evaluate, load_model
+from fscnn.training.fit import fit
+from railinspect.bundle import golden_image
+from railinspect.scenes import SceneSettings, write_images
+from railinspect.segmenter import Segmenter
+
+ROOT = Path(__file__).parents[1]
+PARTS = ("speed", "overfit", "train", "gpu")
+OURS, RIVAL = "fscnn_mobilenet_v3_large", "lraspp_mobilenet_v3_large"
+SIZE_WH = (640, 384)
+VAL_SEED, TRAIN_SEED = 900_000, 1_000_000
+
+
+def settings(name: str) -> config.TrainConfig:
+    """A configuration of ``configs/``."""
+    return config.load(ROOT / "configs" / f"{name}.yaml")
+
+
+def speed(folder: Path, threads: int, repeats: int) -> list[Measure]:
+    """Export with random weights and time in ONNX Runtime, in turn."""
+    bundles: dict[str, Exported] = {}
+    for name in (OURS, RIVAL):
+        chosen = settings(name)
+        torch.manual_seed(0)
+        network = build(chosen.network, chosen.settings).eval()
+        trained = Trained(network, chosen.network, dict(chosen.settings), False, {}, "", 0)
+        bundles[name] = export(trained, folder / f"{name}.onnx", SIZE_WH)
+    loaded = {name: Segmenter.load(bundle.path, threads) for name, bundle in bundles.items()}
+    image = golden_image(SIZE_WH)
+    times = dict(
+        zip(
+            loaded,
+            alternating_medians(
+                [lambda s=s: s(image) for s in loaded.values()],  # type: ignore[misc]
+                repeats,
+                warm_up=3,
+            ),
+            strict=True,
+        )
+    )
+    shape = f"384×640, {threads} threads"
+    measures = [Measure(f"{name}, {shape}", s * 1e3, "ms") for name, s in times.items()]
+    measures.append(Measure(f"{OURS} / {RIVAL}", times[OURS] / times[RIVAL], "", 1.0))
+    for name, bundle in bundles.items():
+        measures.append(Measure(f"graph nodes, {name}", sum(bundle.nodes.values()), ""))
+        equal = 100 * bundle.agreement
+        measures.append(Measure(f"labels equal to torch's, {name}", equal, "%", 99.9, "higher"))
+    return measures
+
+
+def rendered(folder: Path, first: int, count: int, workers: int) -> Path:
+    """A folder of rendered scenes, made once."""
+    for _ in write_images(folder, range(first, first + count), SceneSettings(), workers):
+        pass
+    return folder
+
+
+def train_once(
+    name: str, seed: int, minutes: float, train: Path, val: Path, out: Path, *more: str
+) -> float:
+    """Train one network from random weights for some minutes; its best rail IoU on ``val``."""
+    overrides = [
+        f"seed={seed}",
+        'start_from=""',
+        'data.railsem=""',
+        f"data.train_folders=[{train}]",
+        f"data.val_folders=[{val}]",
+        "data.crop_wh=[320, 192]",
+        "data.batch_size=8",
+        "data.workers=1",
+        "optimiser.rate=0.002",
+        "optimiser.average=0.99",
+        "schedule.max_epochs=-1",
+        f"schedule.max_minutes={minutes}",
+        "schedule.patience=0",
+        "schedule.shape=cosine",
+        "run.precision=32-true",
+        "run.accumulate=1",
+        "run.tensorboard=false",
+        "run.validate_every=1000000",
+        "run.progress=false",
+        "run.examples=0",
+        f"run.out={out}",
+        *more,
+    ]
+    fit(config.load(ROOT / "configs" / f"{name}.yaml", overrides))
+    source = FolderSource(val)
+    width, height = (side // 16 * 16 for side in source(0)[0].shape[1::-1])
+    segment = load_model(out / "last.ckpt", (width, height))
+    pairs = (source(i) for i in range(len(source)))
+    return float(evaluate(segment, pairs).summary()["rail_iou"])  # type: ignore[arg-type]
+
+
+def compare(
+    folder: Path, seeds: list[int], minutes: float, scenes: int, held_out: int, workers: int
+) -> list[Measure]:
+    """The same budget for both mobile networks, every seed."""
+    train = rendered(folder / "train", TRAIN_SEED, scenes, workers)
+    val = rendered(folder / "val", VAL_SEED, held_out, workers)
+    reached: dict[str, list[float]] = {OURS: [], RIVAL: []}
+    for seed in seeds:
+        for name, found in reached.items():
+            out = folder / f"{name}_{seed}"
+            found.append(train_once(name, seed, minutes, train, val, out))
+    measures = [
+        Measure(f"rail IoU, {name}, seed {seed}", value, "", None, "higher")
+        for name, found in reached.items()
+        for seed, value in zip(seeds, found, strict=True)
+    ]
+    gain = statistics.mean(reached[OURS]) - statistics.mean(reached[RIVAL])
+    spread = max(max(found) - min(found) for found in reached.values())
+    held = f"{minutes:g} min each, {scenes} scenes, {held_out} held out"
+    measures.append(Measure(f"spread over seeds ({held})", spread, ""))
+    measures.append(
+        Measure("rail IoU gained over LR-ASPP, less the spread", gain - spread, "", 1e-3, "higher")
+    )
+    return measures
+
+
+def overfit(folder: Path, minutes: float, workers: int) -> list[Measure]:
+    """Rail IoU on the eight images it was trained on."""
+    eight = rendered(folder / "eight", TRAIN_SEED, 8, workers)
+    plain = ("data.crop_wh=[640, 352]", "data.zoom=[1, 1]", "data.aspect=1", "data.rail_share=0")
+    more = (*plain, "data.strength=0", "data.batch_size=4", "settings.dropout=0")
+    reached = train_once(OURS, 0, minutes, eight, eight, folder / "overfit", *more)
+    name = f"rail IoU on eight images after {minutes:g} min of overfitting, {OURS}"
+    return [Measure(name, reached, "", 0.95, "higher")]
+
+
+def gpu() -> list[Measure]:
+    """Training steps per second on ResNet-50, forward and backward in bfloat16, where possible."""
+    if not torch.cuda.is_available():
+        return []
+    rates = {}
+    for name in ("fscnn_resnet50", "deeplabv3_resnet50"):
+        chosen = settings(name)
+        network = build(chosen.network, chosen.settings).cuda()
+        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        images = torch.rand(8, 3, 544, 960, device="cuda")
+        images = images.contiguous(memory_format=torch.channels_last)
+        seen = []
+        for turn in range(12):
+            torch.cuda.synchronize()
+            began = time.perf_counter()
+            with torch.autocast("cuda", torch.bfloat16):
+                loss = network(images).float().square().mean()
+            loss.backward()
+            network.zero_grad()
+            torch.cuda.synchronize()
+            if turn >= 4:
+                seen.append(len(images) / (time.perf_counter() - began))
+        rates[name] = statistics.median(seen)
+    ours, rival = rates["fscnn_resnet50"], rates["deeplabv3_resnet50"]
+    return [
+        *(
+            Measure(f"training, {n}, 960×544", r, "images/s", None, "higher")
+            for n, r in rates.items()
+        ),
+        Measure("training, FSCNN / DeepLabV3 on ResNet-50", ours / rival, "", 1.0, "higher"),
+    ]
+
+
+def main() -> None:
+    arguments = parser("FSCNN against its rivals.")
+    arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    arguments.add_argument("--minutes", type=float, default=20, help="per training (default 20)")
+    arguments.add_argument(
+        "--overfit-minutes", type=float, default=10, help="of the overfit test (default 10)"
+    )
+    arguments.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="default 0 1 2")
+    arguments.add_argument("--scenes", type=int, default=2000, help="trained on (default 2000)")
+    arguments.add_argument("--held-out", type=int, default=60, help="scored on (default 60)")
+    arguments.add_argument("--workers", type=int, default=2, help="rendering (default 2)")
+    arguments.add_argument("--threads", type=int, default=2, help="of ONNX Runtime (default 2)")
+    arguments.add_argument("--repeats", type=int, default=40, help="timed frames (default 40)")
+    arguments.add_argument("--out", type=Path, help="folder to keep (default: a temporary one)")
+    options = arguments.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = options.out or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        measures: list[Measure] = []
+        if "speed" in options.parts:
+            measures += speed(folder, options.threads, options.repeats)
+        if "overfit" in options.parts:
+            measures += overfit(folder, options.overfit_minutes, options.workers)
+        if "train" in options.parts:
+            measures += compare(
+                folder,
+                options.seeds,
+                options.minutes,
+                options.scenes,
+                options.held_out,
+                options.workers,
+            )
+        if "gpu" in options.parts:
+            measures += gpu()
+    publish("segmenters", measures, options.json)
+
+
+if __name__ == "__main__":
+    main()
