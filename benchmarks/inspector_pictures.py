@@ -101,7 +101,7 @@ def _birds_eye(rgb: Image, track: TrackGeometry) -> Image:
 
 def _findings(rgb: Image, found: tuple[Finding, ...]) -> Image:
     picture = rgb.copy()
-    for finding in found:
+    for number, finding in enumerate(found):
         colour = TYPE_RGB[finding.type]
         _polyline(picture, finding.polygon_uv, colour, closed=True)
         left, top, right, bottom = (round(v) for v in finding.box_xyxy)
