@@ -2,7 +2,6 @@
 
 import json
 import math
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -278,17 +277,8 @@ def test_never_milder_for_a_worse_situation_in_10000_random_ones():
             assert strict.margin_m <= mild.margin_m + 1e-3, context
         for value in (mild.required_m, mild.available_m, mild.margin_m, mild.margin_s):
             assert value is None or not math.isnan(value), context
+        for value in (mild.stop_error_m, mild.range_error_m, mild.collision_bound):
+            assert value is None or value >= 0.0, context
     # The sample must exercise the decision: every action occurs, and many pairs change it.
     assert min(seen_actions.values()) > 300
     assert changed > 300
-
-
-def test_decision_is_fast():
-    ranges = [seen(400.0 - i, time_s=0.1 * i) for i in range(4)]
-    best = math.inf
-    for _ in range(20):
-        start = time.perf_counter()
-        for _ in range(50):
-            decide(ranges, PLAIN, BARE)
-        best = min(best, (time.perf_counter() - start) / 50)
-    assert best < 100e-6  # the benchmark holds 50 µs; here only a coarse guard on a shared machine
