@@ -105,7 +105,8 @@ def check_range(
     inside = low < number <= high if above else low <= number <= high
     if not (inside and math.isfinite(number)):
         opening = "(" if above or low == -math.inf else "["
-        closing = ")" if high == math.inf else "]"
+        # A limit just below a round number is printed as that number, left out of the range.
+        closing = ")" if high == math.inf or float(f"{high:g}") > high else "]"
         dimension = f" {unit}" if unit else ""
         raise DomainError(
             name,

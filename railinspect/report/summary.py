@@ -27,7 +27,7 @@ class Stretch:
         last_s: Media time of the last.
         first_frame: Index of the first.
         frames: How many.
-        reasons: How often each reason was given, numbers replaced by "#".
+        reasons: How often each reason was given, numbers replaced by "…".
     """
 
     first_s: float
@@ -122,9 +122,9 @@ def general(reason: str) -> str:
 
     Example:
         >>> general("growing stopped at row 231: rails merge at 41.5 m")
-        'growing stopped at row #: rails merge at # m'
+        'growing stopped at row …: rails merge at … m'
     """
-    return re.sub(r"-?[0-9]+(?:[.,][0-9]+)*", "#", reason)
+    return re.sub(r"-?[0-9]+(?:[.,][0-9]+)*", "…", reason)
 
 
 def summarise(

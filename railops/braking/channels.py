@@ -15,12 +15,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 from scipy import special
 
 from railops.errors import DomainError, EvidenceError, check_range
 from railops.traction import Line
+
+Probability = TypeVar("Probability", float, npt.NDArray[np.float64])
 
 SIL4_TARGET = 1e-8
 _ROUNDING = 1.0 + 1e-12  # 0.01**4 must count as 1e-8 whatever the last bit says
@@ -37,7 +41,12 @@ def joint_exceedance(exceedance: float, count: int, common_cause: float = 0.0) -
     """
     if count == 0:
         return 1.0
-    return float(common_cause * exceedance + (1.0 - common_cause) * exceedance**count)
+    return float(_all_of(exceedance, count, common_cause))
+
+
+def _all_of(exceedance: Probability, count: int, common_cause: float) -> Probability:
+    """c·p + (1 − c)·p^k, of a probability or of an array of them."""
+    return common_cause * exceedance + (1.0 - common_cause) * exceedance**count
 
 
 def measurements_needed(target: float, exceedance: float, common_cause: float = 0.0) -> int:
@@ -123,6 +132,10 @@ class Channel:
         """Exceedance probability of the smallest of its k measurements."""
         return joint_exceedance(self.exceedance, self.measurements, self.common_cause)
 
+    def joint_of(self, exceedance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The same for other exceedances of one measurement, of a larger error than ΔL_max say."""
+        return _all_of(exceedance, self.measurements, self.common_cause)
+
     @property
     def duration_s(self) -> float:
         """Time until its k measurements are there with probability 0.99, s."""
@@ -186,10 +199,9 @@ def plan(
     blind = tuple(c.name for c in channels if c not in usable)
     if not usable:
         return Plan(1.0, (), blind, 0.0, 0.0, False)
-    joints = [channel.joint for channel in usable]
-    joint = joints[0]
-    if len(joints) == 2:
-        joint = common_cause * min(joints) + (1.0 - common_cause) * joints[0] * joints[1]
+    joint = usable[0].joint
+    if len(usable) == 2:
+        joint = float(together(joint, usable[1].joint, common_cause))
     duration = max(channel.duration_s for channel in usable)
     return Plan(
         joint,
@@ -199,6 +211,12 @@ def plan(
         duration * speed_mps,
         joint <= target * _ROUNDING,
     )
+
+
+def together(first: Probability, second: Probability, common_cause: float) -> Probability:
+    """Both channels exceed: c·min(P₁, P₂) + (1 − c)·P₁·P₂, of probabilities or arrays of them."""
+    smaller: Probability = np.minimum(first, second)
+    return common_cause * smaller + (1.0 - common_cause) * first * second
 
 
 def sight_distance_m(

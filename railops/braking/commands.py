@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import argparse
 import csv
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from railops.braking import bounds, channels, etcs, protection, rare, tails, target, worst
 from railops.braking.decision import Policy, RangeMeasurement, decide
 from railops.braking.montecarlo import DIMENSIONS, Campaign, StopLaw
 from railops.braking.train import Train
 from railops.cli import Commands, Result
-from railops.errors import CannotStopError, DomainError, FileError, RailOpsError
+from railops.errors import (
+    CannotStopError,
+    DomainError,
+    EvidenceError,
+    FileError,
+    RailOpsError,
+    check_range,
+)
 from railops.traction import Line
+
+Array = npt.NDArray[np.float64]
 
 _QUANTILES = (0.5, 0.9, 0.99, 0.999, 0.9999, 0.99999)
 
@@ -165,6 +174,7 @@ def _bound(arguments: argparse.Namespace) -> Result:
 
 
 def _protect(arguments: argparse.Namespace) -> Result:
+    check_range("target", arguments.target, 0.0, 1.0, above=True)
     first = channels.Channel(
         "onboard",
         arguments.range_exceedance,
@@ -186,6 +196,22 @@ def _protect(arguments: argparse.Namespace) -> Result:
         plan.exceedance,
     )
     met = section.collision_bound <= arguments.target * (1 + 1e-12)
+
+    def smallest(exceedance: Array) -> Array:
+        joint = first.joint_of(exceedance)
+        if len(pair) == 1:
+            return joint
+        return channels.together(joint, pair[1].joint_of(exceedance), arguments.common_cause)
+
+    normal = None
+    if max(arguments.stop_exceedance, arguments.range_exceedance) < 0.5:
+        normal = protection.normal_collision_probability(
+            arguments.stop_error_m,
+            arguments.stop_exceedance,
+            arguments.range_error_m,
+            arguments.range_exceedance,
+            smallest,
+        )
     document = asdict(section) | {
         "length_m": section.length_m,
         "growth_m": plan.growth_m,
@@ -194,6 +220,8 @@ def _protect(arguments: argparse.Namespace) -> Result:
         "product_as_printed": protection.product_as_printed(
             arguments.stop_exceedance, plan.exceedance
         ),
+        "collision_if_normal": normal,
+        "measurements_needed": _needed(arguments),
         "target": arguments.target,
         "met": met,
         "conditions": bounds.CONDITIONS,
@@ -206,7 +234,19 @@ def _protect(arguments: argparse.Namespace) -> Result:
         f"{section.stop_exceedance:.3g}, range {section.range_exceedance:.3g}): "
         f"{'meets' if met else 'does not meet'} {arguments.target:g}"
     )
+    if normal is not None:
+        text += f"\nif both errors were normal: {normal:.3g} (convolution, an example law)"
     return Result(document, text, met)
+
+
+def _needed(arguments: argparse.Namespace) -> int | None:
+    """Measurements of one channel for the target; None where no number suffices."""
+    try:
+        return channels.measurements_needed(
+            arguments.target, arguments.range_exceedance, arguments.common_cause
+        )
+    except EvidenceError:
+        return None
 
 
 def _simulate(arguments: argparse.Namespace) -> Result:
@@ -336,8 +376,7 @@ def _target(arguments: argparse.Namespace) -> Result:
         )
         low, high = float(errors.min()), float(errors.max())
         document[kind] = {"lowest_m": low, "highest_m": high, "std_m": float(errors.std())}
-        if math.isfinite(low):
-            lines.append(f"{kind}-based: {low:.2f} … {high:.2f} m over {arguments.runs} runs")
+        lines.append(f"{kind}-based: {low:.2f} … {high:.2f} m over {arguments.runs} runs")
     return Result(document, "\n".join(lines))
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from railops.braking.channels import joint_exceedance
+from railops.braking.protection import collision_bound
 from railops.braking.stopping import STEP_S, cannot_stop, motion_of, stop
 from railops.braking.train import Train
 from railops.errors import CannotStopError, DomainError, MeasurementError, check_range
@@ -74,6 +75,7 @@ class Policy:
         max_age_s: Older measurements are stale: they do not count, s.
         stop_error_m: ΔS_max, constant part, metres (paper: 3 m).
         stop_error_rel: ΔS_max, part proportional to the stopping distance, 0 … 1.
+        stop_exceedance: Probability that the stopping distance's error exceeds ΔS_max.
         stand_off_m: Distance to keep from the obstacle, metres.
         reaction_s: Time from the measurement to the brake command beyond the brake's own delay, s.
         warn_s: The horn sounds this long before service braking has to start, s.
@@ -95,6 +97,7 @@ class Policy:
     max_age_s: float = 1.0
     stop_error_m: float = 3.0
     stop_error_rel: float = 0.05
+    stop_exceedance: float = 1e-2
     stand_off_m: float = 5.0
     reaction_s: float = 0.5
     warn_s: float = 6.0
@@ -107,7 +110,9 @@ class Policy:
     def __post_init__(self) -> None:
         for name in ("range_error_m", "stop_error_m", "stand_off_m", "curve_ahead_m"):
             check_range(name, getattr(self, name), 0.0, 1e5, "m")
-        for name in ("range_error_rel", "stop_error_rel", "exceedance", "common_cause"):
+        for name in ("range_error_rel", "stop_error_rel"):
+            check_range(name, getattr(self, name), 0.0, 1.0)
+        for name in ("exceedance", "stop_exceedance", "common_cause"):
             check_range(name, getattr(self, name), 0.0, 1.0)
         for name in ("max_age_s", "reaction_s", "warn_s"):
             check_range(name, getattr(self, name), 0.0, 3600.0, "s")
@@ -156,6 +161,11 @@ class Advice:
         emergency_at_m: Available distance at or below which only emergency braking is left.
         used: Number of measurements that counted.
         exceedance: Probability that all of them overstate the range by more than ΔL_max.
+        stop_error_m: ΔS_max of a service stop, the protective section's stopping part, metres.
+        range_error_m: ΔL_max of the governing measurement with the distance run since, the
+            section's range part, metres; None where no measurement is usable.
+        collision_bound: Upper bound of the collision probability if braking starts where it has
+            to (corrected eq. 7): as good as the policy's ``stop_exceedance`` and ``exceedance``.
         contradictions: One sentence per pair of channels whose intervals exclude each other.
     """
 
@@ -171,6 +181,9 @@ class Advice:
     emergency_at_m: float
     used: int = 0
     exceedance: float = 1.0
+    stop_error_m: float = math.inf
+    range_error_m: float | None = None
+    collision_bound: float = 1.0
     contradictions: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -185,9 +198,13 @@ class Advice:
     @property
     def would_change(self) -> str:
         """What would change the answer: the distances at which another action begins."""
+        warn, service, emergency = (
+            f"{at_m:.1f} m" if math.isfinite(at_m) else "any distance"
+            for at_m in (self.warn_at_m, self.service_at_m, self.emergency_at_m)
+        )
         return (
-            f"the horn sounds at {self.warn_at_m:.1f} m available, service braking starts at "
-            f"{self.service_at_m:.1f} m, emergency braking at {self.emergency_at_m:.1f} m"
+            f"the horn sounds at {warn} available, service braking starts at {service}, "
+            f"emergency braking at {emergency}"
         )
 
 
@@ -269,6 +286,7 @@ def decide(
 
     known = governing is not None
     margin = available - service_m if known else None
+    exceedance = joint_exceedance(policy.exceedance, used, policy.common_cause)
     advice = Advice(
         action=action,
         required_m=service_m,
@@ -281,7 +299,10 @@ def decide(
         service_at_m=service_m,
         emergency_at_m=emergency_m,
         used=used,
-        exceedance=joint_exceedance(policy.exceedance, used, policy.common_cause),
+        exceedance=exceedance,
+        stop_error_m=_stop_error_m(service_m, fastest, policy),
+        range_error_m=governing.range_m - available if governing is not None else None,
+        collision_bound=collision_bound(policy.stop_exceedance, exceedance),
         contradictions=contradictions,
     )
     if math.isinf(emergency_m):
@@ -335,6 +356,14 @@ def brake_limits(train: Train, policy: Policy) -> tuple[float, float]:
     emergency, _ = stop(fastest, motion_of(train, train.emergency), STEP_S)
     emergency_at = policy.stop_upper_m(emergency) + run
     return max(policy.stop_upper_m(service) + run, emergency_at), emergency_at
+
+
+def _stop_error_m(limit_m: float, fastest: float, policy: Policy) -> float:
+    """ΔS_max within a limit of :func:`brake_limits`, metres; inf where that is."""
+    if fastest == 0.0 or not math.isfinite(limit_m):
+        return limit_m
+    upper_m = limit_m - fastest * policy.reaction_s - policy.stand_off_m
+    return upper_m - (upper_m - policy.stop_error_m) / (1.0 + policy.stop_error_rel)
 
 
 def _act(

@@ -188,6 +188,8 @@ class StopLaw:
         """
         check_range("stops", stops, 1, 1e9)
         check_range("seed", seed, 0, 2**63)
+        if threads is not None:
+            check_range("threads", threads, 1, 1024)
         result = np.empty(int(stops))
         starts = range(0, int(stops), _CHUNK)
         seeds = np.random.SeedSequence(seed).spawn(len(starts))

@@ -27,7 +27,7 @@ import numpy.typing as npt
 
 from railops._compile import compiled
 from railops.braking.train import Train
-from railops.errors import DomainError, check_range
+from railops.errors import CannotStopError, DomainError, check_range
 from railops.traction import LineTable, acceleration, line_resistance
 
 Array = npt.NDArray[np.float64]
@@ -154,6 +154,10 @@ def stopping_errors(
 
     Returns:
         Errors, shape (runs,).
+
+    Raises:
+        DomainError: if a number leaves its range.
+        CannotStopError: if the nominal run or one of the runs does not come to a stand.
     """
     check_range("runs", runs, 1, 1e8)
     check_range("seed", seed, 0, 2**63)
@@ -184,4 +188,10 @@ def stopping_errors(
     errors = c.speed_error_rel * (2.0 * rng.random(int(runs)) - 1.0)
     shares = np.maximum(0.0, 1.0 + c.resistance_std * rng.standard_normal(int(runs)))
     nominal = run(0.0, 1.0)
-    return nominal - np.array([run(e, f) for e, f in zip(errors, shares, strict=True)])
+    runs_m = np.array([run(e, f) for e, f in zip(errors, shares, strict=True)])
+    if not (math.isfinite(nominal) and np.isfinite(runs_m).all()):
+        raise CannotStopError(
+            f"the train cannot stop: on this line the {c.kind}-based controller with at most "
+            f"{c.largest_mps2:g} m/s² does not bring it to a stand in every run; it runs away"
+        )
+    return nominal - runs_m

@@ -44,6 +44,11 @@ def test_protect_and_its_exit_status(capsys):
     good = document(capsys, *PROTECT.split(), "--stop-exceedance", "4e-9", "--measurements", "5")
     assert good["met"]
     assert good["length_m"] == pytest.approx(12 + 400 + 0.5 * 20)
+    assert good["product_as_printed"] < good["collision_if_normal"] < good["collision_bound"]
+    assert good["measurements_needed"] == 4
+    shared = ("--stop-exceedance", "0.6", "--common-cause", "0.5")
+    hopeless = document(capsys, *PROTECT.split(), *shared, status=1)
+    assert (hopeless["measurements_needed"], hopeless["collision_if_normal"]) == (None, None)
     bad = document(capsys, *PROTECT.split(), "--stop-exceedance", "1e-2", status=1)
     assert not bad["met"]
     assert bad["product_as_printed"] < 1e-9 < bad["collision_bound"]
@@ -58,6 +63,7 @@ def test_protect_and_its_exit_status(capsys):
         "2",
     )
     assert two["range_exceedance"] == pytest.approx(1e-10)
+    assert two["collision_if_normal"] < two["collision_bound"]
 
 
 def test_simulate(capsys):
@@ -118,6 +124,7 @@ def test_decide_that_cannot_stop_says_so_and_advises(capsys):
     found = document(capsys, *arguments, status=1)
     assert found["action"] == "emergency"
     assert "runs away" in found["reason"]
+    assert "emergency braking at any distance" in found["would_change"]
 
 
 def test_target_and_worst(capsys, tmp_path):
@@ -141,6 +148,10 @@ def test_target_and_worst(capsys, tmp_path):
         ("bound --trials five", "invalid int value: 'five'"),
         ("curves --speed-mps 30 --target-m 900 --gradient-permille -80", "it runs away"),
         ("simulate --speed-mps 20 --stops 0", "stops is 0"),
+        ("simulate --speed-mps 20 --threads 0", "threads is 0; expected a number in [1, 1024]"),
+        ("target --speed-mps 20 --gradient-permille -200", "the train cannot stop"),
+        ("trials --p 0.01 --confidence 1", "confidence is 1.0; expected a number in (0, 1)"),
+        (f"{PROTECT} --stop-exceedance 1e-9 --target nan", "target is nan; expected"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2(capsys, arguments, message):

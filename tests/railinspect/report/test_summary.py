@@ -28,7 +28,7 @@ def test_successive_unknown_frames_are_one_stretch_with_their_reasons():
     frames = [frame(i, s, f"too dark at row {i}") for i, s in enumerate(statuses)]
     stretches = timeline_of(frames).stretches
     assert [(s.first_frame, s.frames) for s in stretches] == [(10, 5), (18, 2)]
-    assert stretches[0].reasons == {"too dark at row #": 5}
+    assert stretches[0].reasons == {"too dark at row …": 5}
 
 
 def test_a_column_shows_its_worst_status():
