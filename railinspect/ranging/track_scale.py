@@ -195,7 +195,7 @@ def fit_scale(track: TrackGeometry, settings: ScaleSettings | None = None) -> Tr
     px = camera.size_wh[0] / 640.0
     level = Level.of(camera)
     rows = _rows(
-        level.from_pixels(profile.uv),
+        level.from_pixels(profile.uv.reshape(-1, 2)).reshape(-1, 2, 2),
         profile.residual_m,
         profile.doubtful,
         np.interp(profile.chainage_m, path.chainage_m, path.heading_rad) - camera.yaw_rad,
@@ -295,35 +295,20 @@ def _robust(
     design: Array, t: Array, sigma: Array, expected: Array, prior: Array, least: float
 ) -> tuple[Array, Array, float]:
     """Least squares with Cauchy weights and priors; solution, covariance and scatter over σ."""
-    rows, size = design.shape
     solution = expected.copy()
-    gram = np.zeros((size, size))
-    robust = np.ones(rows)
-    normal = np.zeros(rows)
+    gram = np.diag(prior)
+    robust = np.ones(len(t))
+    normal = np.zeros(len(t))
     scale, correlated = 1.0, least
     for _ in range(4):
-        gram[:] = 0.0
-        right = prior * expected
-        for i in range(rows):
-            weight = robust[i] / ((scale * sigma[i]) ** 2 * correlated)
-            for a in range(size):
-                part = weight * design[i, a]
-                right[a] += part * t[i]
-                for b in range(a + 1):
-                    gram[a, b] += part * design[i, b]
-        for a in range(size):
-            for b in range(a):
-                gram[b, a] = gram[a, b]
-            gram[a, a] += prior[a]
+        weight = robust / ((scale * sigma) ** 2 * correlated)
+        weighted = design * weight.reshape(-1, 1)
+        gram = weighted.T @ design + np.diag(prior)
+        right = weighted.T @ t + prior * expected
         solution = np.linalg.solve(gram, right).astype(np.float64)
-        for i in range(rows):
-            model = 0.0
-            for a in range(size):
-                model += design[i, a] * solution[a]
-            normal[i] = (t[i] - model) / sigma[i]
+        normal = (t - design @ solution) / sigma
         scale = max(1.0, 1.4826 * np.median(np.abs(normal)))
-        for i in range(rows):
-            robust[i] = 1.0 / (1.0 + (normal[i] / (2.5 * scale)) ** 2)
+        robust = 1.0 / (1.0 + (normal / (2.5 * scale)) ** 2)
         correlated = max(least, _correlation(normal))
     return solution, np.linalg.inv(gram).astype(np.float64), scale
 
