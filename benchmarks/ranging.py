@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 
 from benchmarks.common import Measure, parser, publish
-from benchmarks.inspector import true_masks
 from railinspect.camera import Camera
+from railinspect.evaluation import true_segmentation
 from railinspect.findings import Finding, find
 from railinspect.ranging import FrameRanging, MotionFilter, Range, RangingSettings
 from railinspect.ranging.calibrate_ride import RideCalibrator
@@ -47,6 +47,10 @@ class _Seen:
     range_m: float
     inside: bool
     readings: dict[str, float]
+
+
+def _true_masks(frame: Rendered) -> Segmentation:
+    return true_segmentation(frame.labels)
 
 
 def _ride(seed: int) -> Ride:
@@ -144,7 +148,7 @@ def _closing(seeds: range) -> list[Measure]:
                 continue
             motions, motion = MotionFilter(), None
             for index in range(first, first + 13):
-                for found, distance, _ in _ranged(ride, index, true_masks, settings, 6.0):
+                for found, distance, _ in _ranged(ride, index, _true_masks, settings, 6.0):
                     if found.id == thing.id:
                         motion = motions.update(
                             index / ride.frame_rate,
@@ -228,7 +232,7 @@ def _calibration(seeds: tuple[int, ...]) -> list[Measure]:
         calibrator = RideCalibrator((640, 360), sleeper_m=pitch)
         for index in range(0, len(ride), 3):
             frame = ride.frame(index)
-            calibrator.update(true_masks(frame), frame.rgb)
+            calibrator.update(true_segmentation(frame.labels), frame.rgb)
         found, truth = calibrator.result().camera, ride.camera
         errors.append(
             (
@@ -327,7 +331,7 @@ def main() -> None:
         plots(options.plots)
     seeds = range(101, 101 + options.rides)
     sharp = RangingSettings.sharp(SIZE_WH[0])
-    seen, times = _rides(seeds, options.frames, true_masks, sharp, 6.0)
+    seen, times = _rides(seeds, options.frames, _true_masks, sharp, 6.0)
     measures = _accuracy("true masks", seen, (0.5, 1.5))
     if times:
         measures.append(Measure("ranging per finding, processor time", min(times), "ms", 0.3))

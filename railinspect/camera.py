@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -104,7 +105,7 @@ class Camera:
         """Distance between the centre lines of the two rail heads, metres."""
         return self.gauge_m + RAIL_HEAD_WIDTH_M
 
-    @property
+    @cached_property
     def camera_from_world(self) -> Array:
         """Rotation from world to camera axes (right, down, ahead), shape (3, 3)."""
         cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
@@ -114,7 +115,9 @@ class Camera:
         axes = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
         pitch = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
         roll = np.array([[cr, sr, 0.0], [-sr, cr, 0.0], [0.0, 0.0, 1.0]])
-        return cast(Array, roll @ pitch @ axes @ yaw)
+        rotation = cast(Array, roll @ pitch @ axes @ yaw)
+        rotation.setflags(write=False)
+        return rotation
 
     def project(self, points_xyz: npt.ArrayLike) -> Array:
         """Project world points without lens distortion.

@@ -23,6 +23,7 @@ from railinspect.labels import CLASSES, VOID
 
 Image = npt.NDArray[np.uint8]
 
+_MAX_NOTES_BYTES = 20_000_000
 _ALLOWED = np.zeros(256, bool)
 _ALLOWED[: len(CLASSES)] = True
 _ALLOWED[VOID] = True
@@ -100,53 +101,82 @@ def read_annotation(pair: Pair) -> Annotation:
     """
     folder = next((p for p in pair.image.parents if p.name == "jpgs"), pair.image.parent)
     path = (folder.parent / "jsons" / pair.image.relative_to(folder)).with_suffix(".json")
-    data = _read_json(path)
+    return annotation_of(read_notes(path), path)
+
+
+def annotation_of(notes: dict[str, Any], path: Path) -> Annotation:
+    """The geometry in an image's notes.
+
+    Args:
+        notes: What :func:`read_notes` read.
+        path: The file they came from, for messages.
+
+    Raises:
+        BadInputError: if they are not in RailSem19's form or hold numbers that are not finite.
+    """
     rails: list[RailPair] = []
     shapes: list[Shape] = []
     boxes: list[Box] = []
     try:
-        for number, thing in enumerate(data["objects"]):
+        for number, thing in enumerate(notes["objects"]):
             label = str(thing["label"])
             if "polyline-pair" in thing:
                 one, other = (_points(line) for line in thing["polyline-pair"])
                 rails.append(rail_pair(one, other, f"{label} {number}"))
             elif "boundingbox" in thing:
-                left, top, right, bottom = (float(v) for v in thing["boundingbox"])
-                boxes.append(Box(label, (left, top, right, bottom)))
+                left, top, right, bottom = _finite(thing["boundingbox"])
+                boxes.append(Box(label, (float(left), float(top), float(right), float(bottom))))
             elif "polygon" in thing:
                 shapes.append(Shape(label, _points(thing["polygon"]), closed=True))
             else:
                 shapes.append(Shape(label, _points(thing["polyline"]), closed=False))
-        size = (int(data["imgWidth"]), int(data["imgHeight"]))
-        name = str(data["frame"])
-    except (KeyError, TypeError, ValueError) as error:
+        size = (int(notes["imgWidth"]), int(notes["imgHeight"]))
+        name = str(notes["frame"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise BadInputError(
             f"{path} is not in RailSem19's form ({type(error).__name__}: {error}); fetch it again"
         ) from error
     return Annotation(name, size, tuple(rails), tuple(shapes), tuple(boxes))
 
 
+def read_notes(path: Path) -> dict[str, Any]:
+    """The JSON object of an image's notes: its geometry, and whatever else a set adds.
+
+    Raises:
+        BadInputError: if the file is missing, larger than 20 MB, or not a JSON object.
+    """
+    try:
+        if path.stat().st_size > _MAX_NOTES_BYTES:
+            raise BadInputError(f"{path} is larger than 20 MB; it holds no image's geometry")
+        notes = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}; check the data set") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInputError(f"{path} is not JSON ({error}); fetch this file again") from error
+    if not isinstance(notes, dict):
+        raise BadInputError(f"{path} must hold a JSON object; fetch this file again")
+    return notes
+
+
 def _points(values: Any) -> npt.NDArray[np.float64]:
-    points = np.array(values, float)
+    points = _finite(values)
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"points of shape {points.shape}, expected (N, 2)")
     return points
 
 
-def _read_json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}; check the data set") from error
-    except ValueError as error:
-        raise BadInputError(f"{path} is not JSON ({error}); fetch this file again") from error
+def _finite(values: Any) -> npt.NDArray[np.float64]:
+    numbers = np.array(values, float)
+    if not np.isfinite(numbers).all():
+        raise ValueError("numbers that are not finite")
+    return numbers
 
 
 def _check_classes(path: Path) -> None:
     if not path.is_file():
         return
     try:
-        names = tuple(str(label["name"]) for label in _read_json(path)["labels"])
+        names = tuple(str(label["name"]) for label in read_notes(path)["labels"])
     except (KeyError, TypeError) as error:
         raise BadInputError(f"{path} holds no list of labels; fetch this file again") from error
     if names[: len(CLASSES)] != CLASSES:

@@ -197,6 +197,8 @@ def _run_range(options: argparse.Namespace) -> int:
 
     if options.right is not None:
         return _run_pair(options)
+    if options.box is not None or options.calibration is not None:
+        raise BadInputError("--box and --calibration are for a stereo pair; give --right as well")
     from railinspect.camera import Camera
     from railinspect.findings import find
     from railinspect.ranging import FrameRanging, Range

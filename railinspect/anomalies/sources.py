@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.annotations import RailPair
 from railinspect.anomalies.ego import (
     EgoTrack,
     NoTrackError,
@@ -25,7 +26,7 @@ from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.images import read_image
 from railinspect.labels import RAIL_RAISED, RAIL_TRACK, VOID
-from railinspect.railsem import Pair, read_pair
+from railinspect.railsem import Pair, annotation_of, read_notes, read_pair
 from railinspect.scenes import SceneSettings
 from railinspect.scenes.render import view
 from railinspect.scenes.world import begin, finish
@@ -34,7 +35,6 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
 _SUFFIXES = (".jpg", ".jpeg", ".png")
-_MAX_NOTES_BYTES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -149,69 +149,38 @@ class FolderSource:
                 f"picture {path} has neither a mask ({mask}) nor polylines ({notes_path})"
             )
         height, width = rgb.shape[:2]
-        rails = ego_rails(notes, (width, height))
+        pairs = annotation_of(notes, notes_path).rails if notes else ()
+        rails = ego_rails(pairs, (width, height))
         camera = self.camera or camera_of_notes(notes, (width, height))
         name = inner.as_posix()
         if rails is None:
             if labels is None:
                 raise NoTrackError(f"the notes {notes_path} hold no pair of rails")
             return Base(name, rgb, labels, track_of_mask(labels, camera))
-        track = track_of_rails(*rails, (width, height), camera)
+        track = track_of_rails(rails.left_uv, rails.right_uv, (width, height), camera)
         if labels is None:
             labels = draw_mask(track, (width, height))
         else:
-            track = replace(track, embedded=is_embedded(labels, rails[0]))
+            track = replace(track, embedded=is_embedded(labels, rails.left_uv))
         return Base(name, rgb, labels, track)
 
 
-def read_notes(path: Path) -> dict[str, Any]:
-    """The JSON object of a picture's notes.
+def ego_rails(pairs: Sequence[RailPair], size_wh: tuple[int, int]) -> RailPair | None:
+    """The rails of the ego track among a picture's pairs of rails.
 
-    Raises:
-        BadInputError: if the file is not one.
-    """
-    try:
-        if path.stat().st_size > _MAX_NOTES_BYTES:
-            raise BadInputError(f"the notes {path} are larger than 20 MB; they are no polylines")
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BadInputError(f"cannot read the notes {path}: {error}") from error
-    if not isinstance(data, dict):
-        raise BadInputError(f"the notes {path} must hold a JSON object")
-    return data
-
-
-def ego_rails(notes: dict[str, Any], size_wh: tuple[int, int]) -> tuple[Array, Array] | None:
-    """The rails of the ego track among a picture's polylines, left and right.
-
-    Of the pairs (``polyline-pair``) it is the one that begins lowest and nearest to the middle of
-    the picture. None if there is no usable pair.
+    It is the pair that begins lowest and nearest to the middle of the picture. None if there is no
+    usable pair.
     """
     width, height = size_wh
-    best: tuple[float, tuple[Array, Array]] | None = None
-    objects = notes.get("objects", ())
-    for one in objects if isinstance(objects, list) else ():
-        pair = one.get("polyline-pair") if isinstance(one, dict) else None
-        lines = [_polyline(line) for line in pair] if isinstance(pair, list) else []
-        if len(lines) != 2 or lines[0] is None or lines[1] is None:
-            continue
-        ends = [line[np.argmax(line[:, 1])] for line in lines if line is not None]
-        low = min(ends[0][1], ends[1][1])
-        middle = 0.5 * (ends[0][0] + ends[1][0])
-        cost = abs(middle - width / 2) / width + 2.0 * (height - low) / height
-        first, second = (lines[0], lines[1]) if ends[0][0] <= ends[1][0] else (lines[1], lines[0])
-        if best is None or cost < best[0]:
-            best = cost, (first, second)
-    return None if best is None else best[1]
 
+    def cost(pair: RailPair) -> float:
+        left, right = pair.left_uv[-1], pair.right_uv[-1]
+        middle = 0.5 * (left[0] + right[0])
+        low = min(left[1], right[1])
+        return float(abs(middle - width / 2) / width + 2.0 * (height - low) / height)
 
-def _polyline(line: Any) -> Array | None:
-    try:
-        points = np.array(line, float)
-    except (TypeError, ValueError):
-        return None
-    good = points.ndim == 2 and points.shape[1:] == (2,) and len(points) >= 2
-    return points if good and bool(np.isfinite(points).all()) else None
+    usable = [pair for pair in pairs if min(len(pair.left_uv), len(pair.right_uv)) >= 2]
+    return min(usable, key=cost, default=None)
 
 
 def camera_of_notes(notes: dict[str, Any], size_wh: tuple[int, int]) -> Camera | None:

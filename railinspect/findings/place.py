@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -36,15 +39,26 @@ def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, I
     Returns:
         Chainage (m), lateral position (m, positive left) and index of the nearest sample, (N,).
     """
-    x = world_xy[:, 0]
-    at = np.clip(np.searchsorted(path.xy_m[:, 0], x), 0, len(path.xy_m) - 1)
-    now, chainage, across = at, x, np.zeros(len(x))
-    for _ in range(4):
-        cos, sin = np.cos(path.heading_rad[at]), np.sin(path.heading_rad[at])
-        d = world_xy - path.xy_m[at]
-        along = d[:, 0] * cos + d[:, 1] * sin
-        across = -d[:, 0] * sin + d[:, 1] * cos
-        chainage, now = path.chainage_m[at] + along, at
-        at = np.clip(np.searchsorted(path.chainage_m, chainage), 0, len(path.xy_m) - 1)
-    nearest = float(np.median(path.half_m[: max(3, len(path.half_m) // 4)]))
-    return chainage, across * nearest / path.half_m[now], now
+    return _coordinates(path.xy_m, path.heading_rad, path.half_m, path.chainage_m, world_xy)
+
+
+@numba.njit(cache=True)
+def _coordinates(
+    xy_m: Array, heading_rad: Array, half_m: Array, chainage_m: Array, world_xy: Array
+) -> tuple[Array, Array, Indices]:
+    last = len(chainage_m) - 1
+    nearest = np.median(half_m[: max(3, len(half_m) // 4)])
+    count = len(world_xy)
+    chainage, lateral = np.empty(count), np.empty(count)
+    at = np.empty(count, np.intp)
+    for i in range(count):
+        now = nxt = min(np.searchsorted(xy_m[:, 0], world_xy[i, 0]), last)
+        place, across = 0.0, 0.0
+        for _ in range(4):
+            now = nxt
+            cos, sin = math.cos(heading_rad[now]), math.sin(heading_rad[now])
+            dx, dy = world_xy[i, 0] - xy_m[now, 0], world_xy[i, 1] - xy_m[now, 1]
+            place, across = chainage_m[now] + dx * cos + dy * sin, dy * cos - dx * sin
+            nxt = min(np.searchsorted(chainage_m, place), last)
+        chainage[i], lateral[i], at[i] = place, across * nearest / half_m[now], now
+    return chainage, lateral, at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from railinspect.camera import Camera
 from railinspect.findings import Finding, place_on_track
 from railinspect.labels import HUMAN
 from railinspect.ranging.fusion import Absent, Estimate, Range, combine
-from railinspect.ranging.ground_level import ground_level
+from railinspect.ranging.ground_level import class_counts, ground_level
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
 from railinspect.ranging.track_scale import ScaleSettings, TrackScale, fit_scale
@@ -91,12 +92,11 @@ class FrameRanging:
         self._given = given if same else given.resized(track.camera.size_wh)
         self._labels = None if segmentation is None else segmentation.labels
         self._settings = settings or RangingSettings()
-        self._scale: TrackScale | None = fit_scale(track, self._settings.scale)
 
-    @property
+    @cached_property
     def scale(self) -> TrackScale | None:
         """The fitted row-to-range scale; None where too little of the track is seen."""
-        return self._scale
+        return fit_scale(self._track, self._settings.scale)
 
     def measure(self, finding: Finding) -> Range | Absent:
         """Range of a finding along the track, or the reason why there is none.
@@ -151,7 +151,7 @@ class FrameRanging:
 
     def _by_gauge(self, finding: Finding, level_m: float, level_std_m: float) -> Estimate | None:
         """The rails' spacing, over the whole track, at the foot's row."""
-        foot = None if self._scale is None else self._scale.at(finding.foot_uv, level_m)
+        foot = None if self.scale is None else self.scale.at(finding.foot_uv, level_m)
         if foot is None:
             return None
         given, settings = self._given, self._settings
@@ -242,8 +242,12 @@ class FrameRanging:
         if self._labels is None:
             return -1
         left, top, right, bottom = (round(value) for value in finding.box_xyxy)
-        inside = self._labels[(top + bottom) // 2 : bottom + 1, left : right + 1]
-        return int(np.bincount(inside.ravel(), minlength=1).argmax()) if inside.size else -1
+        height, width = self._labels.shape
+        left, right = max(0, left), min(width, right + 1)
+        count = class_counts(
+            self._labels, max(0, (top + bottom) // 2), min(height, bottom + 1), left, right
+        )
+        return int(count.argmax()) if count.any() else -1
 
 
 def _at_most(fused: Range) -> Range:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -110,25 +111,17 @@ def combine(estimates: Sequence[Estimate]) -> Range:
     """
     noise = _covariance([e.errors for e in estimates])
     bias = _covariance([e.biases for e in estimates])
-    covariance = noise + bias
     log_range = np.array([math.log(e.range_m) for e in estimates])
-    weight = _weights(covariance)
-    mean = float(weight @ log_range)
-    variance = float(weight @ covariance @ weight)
-    # Instruments that disagree by more than their errors allow: widen to cover it.
-    spread = float(weight @ (log_range - mean) ** 2)
-    widened = max(0.0, spread - float(weight @ np.diag(covariance)) + variance)
-    sigma = math.sqrt(variance + widened)
+    weight, mean, variance, noise_part, bias_part, agrees = _weighed(noise, bias, log_range)
+    sigma = math.sqrt(variance)
     range_m = math.exp(mean)
-    apart = np.diag(covariance) - 2.0 * covariance @ weight + variance
-    agrees = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(np.maximum(apart, 1e-12))
     return Range(
         range_m,
         range_m * sigma,
         interval(range_m, sigma),
         "+".join(e.method for e, w in zip(estimates, weight, strict=True) if w > 0.02),
-        range_m * math.sqrt(max(0.0, float(weight @ noise @ weight) + widened)),
-        range_m * math.sqrt(max(0.0, float(weight @ bias @ weight))),
+        range_m * math.sqrt(noise_part),
+        range_m * math.sqrt(bias_part),
         tuple(
             Reading(e.method, e.range_m, e.range_m * e.rel, bool(a))
             for e, a in zip(estimates, agrees, strict=True)
@@ -142,21 +135,52 @@ def interval(range_m: float, rel: float) -> tuple[float, float]:
 
 
 def _covariance(errors: Sequence[Mapping[str, float]]) -> Array:
-    causes = sorted({cause for e in errors for cause in e})
-    loading = np.array([[e.get(cause, 0.0) for cause in causes] for e in errors])
-    return np.asarray(loading @ loading.T, np.float64)
+    return np.array(
+        [
+            [sum(rel * b.get(cause, 0.0) for cause, rel in a.items()) for b in errors]
+            for a in errors
+        ],
+        float,
+    )
 
 
+@numba.njit(cache=True)
+def _weighed(
+    noise: Array, bias: Array, log_range: Array
+) -> tuple[Array, float, float, float, float, npt.NDArray[np.bool_]]:
+    """Weights, mean, its variance, the shares of noise and bias in it, and which agree."""
+    covariance = noise + bias
+    weight = _weights(covariance)
+    mean = (weight * log_range).sum()
+    shared = (covariance * weight).sum(axis=1)
+    own = np.diag(covariance)
+    variance = (weight * shared).sum()
+    # Instruments that disagree by more than their errors allow: widen to cover it.
+    spread = (weight * (log_range - mean) ** 2).sum()
+    widened = max(0.0, spread - (weight * own).sum() + variance)
+    noise_part = max(0.0, (weight * (noise * weight).sum(axis=1)).sum() + widened)
+    bias_part = max(0.0, (weight * (bias * weight).sum(axis=1)).sum())
+    apart = np.maximum(own - 2.0 * shared + variance, 1e-12)
+    agrees = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(apart)
+    return weight, mean, variance + widened, noise_part, bias_part, agrees
+
+
+@numba.njit(cache=True)
 def _weights(covariance: Array) -> Array:
     """Minimum-variance weights within 0 and 1: the most negative is dropped until none is."""
     count = len(covariance)
-    kept = np.ones(count, bool)
-    ridge = 1e-12 * np.eye(count)
+    kept = np.arange(count)
     while True:
-        some = np.flatnonzero(kept)
-        solved = np.linalg.solve((covariance + ridge)[np.ix_(some, some)], np.ones(len(some)))
-        if (solved >= 0).all() or len(some) == 1:
+        size = len(kept)
+        part = np.empty((size, size))
+        for i in range(size):
+            for j in range(size):
+                part[i, j] = covariance[kept[i], kept[j]]
+            part[i, i] += 1e-12
+        solved = np.linalg.solve(part, np.ones(size))
+        if solved.min() >= 0.0 or size == 1:
             weight = np.zeros(count)
-            weight[some] = np.maximum(solved, 0.0)
-            return np.asarray(weight / weight.sum(), np.float64)
-        kept[some[int(np.argmin(solved))]] = False
+            weight[kept] = np.maximum(solved, 0.0)
+            shares: Array = weight / weight.sum()
+            return shares
+        kept = np.delete(kept, np.argmin(solved))

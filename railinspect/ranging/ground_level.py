@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -24,8 +25,8 @@ SURFACE_STD_M = 0.012
 UNSEEN = (-0.15, 0.06)
 """Height and standard deviation where what surrounds the foot is not known, metres."""
 
-_SURFACE = (ROAD, SIDEWALK, TRAM_TRACK, RAIL_EMBEDDED)
-_BED = (TRACKBED, TERRAIN, RAIL_RAISED, RAIL_TRACK)
+_SURFACE = np.array([ROAD, SIDEWALK, TRAM_TRACK, RAIL_EMBEDDED])
+_BED = np.array([TRACKBED, TERRAIN, RAIL_RAISED, RAIL_TRACK])
 
 
 def ground_level(
@@ -44,12 +45,10 @@ def ground_level(
     u, v = float(foot_uv[0]), round(float(foot_uv[1]))
     half = max(1.2 * metre_px, 3.0)
     first, last = max(0, round(u - half)), min(width, round(u + half) + 1)
-    around = labels[
-        min(v, height) : min(height, v + max(2, round(0.06 * metre_px)) + 1), first:last
-    ]
-    count = np.bincount(around.ravel(), minlength=256)
+    below = min(height, v + max(2, round(0.06 * metre_px)) + 1)
+    count = class_counts(labels, max(0, min(v, height)), below, first, last)
     raised, embedded = int(count[RAIL_RAISED]), int(count[RAIL_EMBEDDED])
-    surface, bed = int(count[list(_SURFACE)].sum()), int(count[list(_BED)].sum())
+    surface, bed = int(count[_SURFACE].sum()), int(count[_BED].sum())
     if surface + bed < 4:
         return UNSEEN
     share = surface / (surface + bed)
@@ -60,3 +59,15 @@ def ground_level(
     if share <= 0.25:
         return BED_M, BED_STD_M
     return 0.5 * BED_M, 0.5 * abs(BED_M)
+
+
+@numba.njit(cache=True)
+def class_counts(
+    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int
+) -> npt.NDArray[np.int64]:
+    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,)."""
+    count = np.zeros(256, np.int64)
+    for v in range(top, bottom):
+        for u in range(left, right):
+            count[labels[v, u]] += 1
+    return count

@@ -26,12 +26,15 @@ from railinspect.track.level import Level
 from railinspect.track.smooth import centre_bases
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 KNOTS_M = np.array([0.0, 50.0, 100.0, 160.0, 230.0, 320.0, 450.0])
 """Where z'' has its knots: vertical curves are tens of metres long."""
 
 _GRID_M = np.concatenate([np.arange(2.0, 60.0, 1.0), np.geomspace(60.0, 600.0, 90)])
-_KNOT_BASIS, _KNOT_SLOPE = (b[:, 2:] for b in centre_bases(_GRID_M, KNOTS_M))
+_KNOT_BASIS, _KNOT_SLOPE = (
+    np.ascontiguousarray(basis[:, 2:]) for basis in centre_bases(_GRID_M, KNOTS_M)
+)
 
 
 @dataclass(frozen=True)
@@ -117,34 +120,61 @@ class TrackScale:
         row = float(self.level.from_pixels(foot_uv[None, :])[0, 1])
         angle = math.atan(row / camera.focal_px) + self.pitch_rad
         t = math.tan(angle)
-        slopes = self.slope_t - foot_m / _GRID_M
-        # The nearest crossing: behind a crest the same row shows farther ground again.
-        below = slopes <= t
-        index = int(np.argmax(below))
-        if not below[index] or index == 0 or _GRID_M[index - 1] > self.far_m:
+        x, chainage, per_t, noise, incidence = _foot(
+            t, foot_m, self.slope_t, self.chainage_m, self.parameters, self.covariance, self.far_m
+        )
+        if math.isnan(x):
             return None
-        a, b = slopes[index - 1], slopes[index]
-        inverse = 1.0 / _GRID_M
-        share = (a - t) / (a - b)
-        x = 1.0 / (inverse[index - 1] + share * (inverse[index] - inverse[index - 1]))
-        if x > self.far_m:
-            return None
-        basis, lean = (part[0, 2:] for part in centre_bases(np.array([x]), KNOTS_M))
-        bend = self.parameters[2:]
-        z, rise = float(basis @ bend), float(lean @ bend)
-        incidence = self.height_m - foot_m - z + rise * x  # height above the tangent at x
-        if incidence <= 0.1 * self.height_m:
-            return None
-        per_t = x / incidence  # |d ln x / d t|
-        gradient = np.concatenate([[1.0, 1.0 / x], -basis / x])
-        noise = math.sqrt(float(gradient @ self.covariance @ gradient))
-        chainage = float(np.interp(x, _GRID_M, self.chainage_m))
         return FootRange(
             chainage,
             per_t * noise,
             1.0 / incidence,
             per_t / (camera.focal_px * math.cos(angle - self.pitch_rad) ** -2),
         )
+
+
+@numba.njit(cache=True)
+def _foot(
+    t: float,
+    foot_m: float,
+    slope_t: Array,
+    chainage_m: Array,
+    parameters: Array,
+    covariance: Array,
+    far_m: float,
+) -> tuple[float, float, float, float, float]:
+    """Where the line of sight of slope t meets the ground ``foot_m`` above the fitted rails.
+
+    Distance x and chainage, |d ln x / d t|, the standard deviation of t by the fit, and the height
+    above the tangent at x; x is NaN beyond the scale.
+    """
+    nothing = (np.nan, np.nan, np.nan, np.nan, np.nan)
+    # The nearest crossing: behind a crest the same row shows farther ground again.
+    index = 0
+    while index < len(_GRID_M) and slope_t[index] - foot_m / _GRID_M[index] > t:
+        index += 1
+    if index in (0, len(_GRID_M)):
+        return nothing
+    first, second = 1.0 / _GRID_M[index - 1], 1.0 / _GRID_M[index]
+    a, b = slope_t[index - 1] - foot_m * first, slope_t[index] - foot_m * second
+    x = 1.0 / (first + (a - t) / (a - b) * (second - first))
+    if x > far_m:
+        return nothing
+    basis, lean = centre_bases(np.full(1, x), KNOTS_M)
+    bend = parameters[2:]
+    z, rise = (basis[0, 2:] * bend).sum(), (lean[0, 2:] * bend).sum()
+    incidence = parameters[1] - foot_m - z + rise * x  # height above the tangent at x
+    if incidence <= 0.1 * parameters[1]:
+        return nothing
+    gradient = np.empty(len(parameters))
+    gradient[0], gradient[1] = 1.0, 1.0 / x
+    gradient[2:] = -basis[0, 2:] / x
+    variance = 0.0
+    for i in range(len(gradient)):
+        for j in range(len(gradient)):
+            variance += gradient[i] * covariance[i, j] * gradient[j]
+    chainage = np.interp(x, _GRID_M, chainage_m)
+    return x, chainage, x / incidence, math.sqrt(variance), incidence
 
 
 def fit_scale(track: TrackGeometry, settings: ScaleSettings | None = None) -> TrackScale | None:
@@ -163,60 +193,101 @@ def fit_scale(track: TrackGeometry, settings: ScaleSettings | None = None) -> Tr
         return None
     camera = track.camera
     px = camera.size_wh[0] / 640.0
-    usable = np.isfinite(profile.residual_m).all(axis=1)
-    if np.count_nonzero(usable) < settings.least_rows:
-        return None
     level = Level.of(camera)
-    rails = level.from_pixels(profile.uv[usable])  # (M, 2 rails, 2)
-    heading = np.interp(profile.chainage_m[usable], path.chainage_m, path.heading_rad)
-    heading = heading - camera.yaw_rad
-    middle = rails.mean(axis=1)
-    apart = np.abs(rails[:, 1, 0] - rails[:, 0, 0])
-    # Rails opposite each other on a slanting track: the nearer one looks farther out.
-    turned = np.cos(heading) - middle[:, 0] / camera.focal_px * np.sin(heading)
-    focal, pitch = camera.focal_px, camera.pitch_rad
-    angle = np.arctan(middle[:, 1] / focal) + pitch
-    t = np.tan(angle)
-    kept = (apart > 2.0 * px) & (turned > 0.2) & (angle > 0)
-    if np.count_nonzero(kept) < settings.least_rows:
+    rows = _rows(
+        level.from_pixels(profile.uv.reshape(-1, 2)).reshape(-1, 2, 2),
+        profile.residual_m,
+        profile.doubtful,
+        np.interp(profile.chainage_m, path.chainage_m, path.heading_rad) - camera.yaw_rad,
+        (camera.focal_px, camera.pitch_rad, camera.rail_spacing_m),
+        px,
+        settings.spacing_std_px * px,
+    )
+    x, t, apart, sigma_px = rows
+    if len(x) < settings.least_rows:
         return None
-    t, apart, turned, angle = t[kept], apart[kept], turned[kept], angle[kept]
-    depth = focal * camera.rail_spacing_m * turned / apart
-    x = depth / (math.cos(pitch) + t * math.sin(pitch))
-    calm = ~profile.doubtful[usable][kept].any(axis=1)
-    sigma_px = settings.spacing_std_px * px * np.where(calm, 1.0, 4.0)
     solution, covariance, scatter = _solve(x, t, apart, sigma_px, camera.height_m, settings)
-    z, rise = _KNOT_BASIS @ solution[2:], _KNOT_SLOPE @ solution[2:]
-    slope_t = (solution[1] - z) / _GRID_M + solution[0]
-    far = float(np.percentile(x, 98)) * settings.beyond
-    # Ground that falls away from the line of sight is hidden: no range from there on.
-    hidden = solution[1] - z + rise * _GRID_M <= 0.1 * solution[1]
-    if hidden.any():
-        far = min(far, float(_GRID_M[np.argmax(hidden)]))
-    chainage = _chainages(level, track, slope_t, pitch)
-    return TrackScale(level, pitch, solution, covariance, slope_t, chainage, far, scatter, len(x))
+    slope_t, far = _ground(solution, x, settings.beyond)
+    seen = level.from_pixels(path.uv)
+    chainage = _chainages(seen, path.seen, slope_t, camera.focal_px, camera.pitch_rad)
+    return TrackScale(
+        level, camera.pitch_rad, solution, covariance, slope_t, chainage, far, scatter, len(x)
+    )
+
+
+@numba.njit(cache=True)
+def _rows(
+    rails: Array,
+    residual_m: Array,
+    doubtful: Bools,
+    heading_rad: Array,
+    view: tuple[float, float, float],
+    px: float,
+    sigma_px: float,
+) -> tuple[Array, Array, Array, Array]:
+    """Distance x, slope t, spacing and its deviation, pixels, of each row that shows both rails."""
+    focal, pitch, spacing_m = view
+    out = np.empty((4, len(rails)))
+    used = 0
+    for i in range(len(rails)):
+        if not (np.isfinite(residual_m[i, 0]) and np.isfinite(residual_m[i, 1])):
+            continue
+        across = 0.5 * (rails[i, 0, 0] + rails[i, 1, 0])
+        apart = abs(rails[i, 1, 0] - rails[i, 0, 0])
+        # Rails opposite each other on a slanting track: the nearer one looks farther out.
+        turned = math.cos(heading_rad[i]) - across / focal * math.sin(heading_rad[i])
+        angle = math.atan(0.5 * (rails[i, 0, 1] + rails[i, 1, 1]) / focal) + pitch
+        if not (apart > 2.0 * px and turned > 0.2 and angle > 0):
+            continue
+        t = math.tan(angle)
+        depth = focal * spacing_m * turned / apart
+        out[0, used] = depth / (math.cos(pitch) + t * math.sin(pitch))
+        out[1, used], out[2, used] = t, apart
+        out[3, used] = sigma_px * (4.0 if doubtful[i, 0] or doubtful[i, 1] else 1.0)
+        used += 1
+    return out[0, :used], out[1, :used], out[2, :used], out[3, :used]
+
+
+@numba.njit(cache=True)
+def _ground(solution: Array, x: Array, beyond: float) -> tuple[Array, float]:
+    """Slope of the fitted ground at ``_GRID_M``, and how far ranges are given, metres."""
+    far = np.percentile(x, 98) * beyond
+    slope_t = np.empty(len(_GRID_M))
+    hidden = False
+    for i in range(len(_GRID_M)):
+        z, rise = 0.0, 0.0
+        for k in range(len(solution) - 2):
+            z += _KNOT_BASIS[i, k] * solution[2 + k]
+            rise += _KNOT_SLOPE[i, k] * solution[2 + k]
+        slope_t[i] = (solution[1] - z) / _GRID_M[i] + solution[0]
+        # Ground that falls away from the line of sight is hidden: no range from there on.
+        if not hidden and solution[1] - z + rise * _GRID_M[i] <= 0.1 * solution[1]:
+            hidden = True
+            far = min(far, _GRID_M[i])
+    return slope_t, far
 
 
 def _solve(
     x: Array, t: Array, apart: Array, sigma_px: Array, height_m: float, settings: ScaleSettings
 ) -> tuple[Array, Array, float]:
     """Weighted least squares with priors; parameters, covariance and scatter in pixels."""
-    basis = centre_bases(x, KNOTS_M)[0][:, 2:]
-    design = np.column_stack([np.ones_like(x), 1.0 / x, -basis / x[:, None]])
+    prior_std = np.full(len(KNOTS_M) + 2, settings.curvature_std)
+    prior_std[:2] = settings.pitch_std_rad, settings.height_rel * height_m
+    return _fitted(x, t, apart, sigma_px, height_m, prior_std**-2.0, settings.correlated_rows)
+
+
+@numba.njit(cache=True)
+def _fitted(
+    x: Array, t: Array, apart: Array, sigma_px: Array, height_m: float, prior: Array, least: float
+) -> tuple[Array, Array, float]:
+    design = -centre_bases(x, KNOTS_M)[0] / x.reshape(-1, 1)
+    design[:, 0], design[:, 1] = 1.0, 1.0 / x
     expected = np.zeros(design.shape[1])
     expected[1] = height_m
-    prior_std = np.concatenate(
-        [
-            [settings.pitch_std_rad, settings.height_rel * height_m],
-            np.full(len(KNOTS_M), settings.curvature_std),
-        ]
-    )
     # σ_t = h_inc·σ_q and σ_q = q·σ_p/p; h_inc = h to first order.
     sigma_t = height_m * sigma_px / (x * apart)
-    solution, covariance, scale = _robust(
-        design, t, sigma_t, expected, prior_std**-2.0, settings.correlated_rows
-    )
-    return solution, covariance, scale * float(np.median(sigma_px))
+    solution, covariance, scale = _robust(design, t, sigma_t, expected, prior, least)
+    return solution, covariance, scale * np.median(sigma_px)
 
 
 @numba.njit(cache=True)
@@ -224,35 +295,20 @@ def _robust(
     design: Array, t: Array, sigma: Array, expected: Array, prior: Array, least: float
 ) -> tuple[Array, Array, float]:
     """Least squares with Cauchy weights and priors; solution, covariance and scatter over σ."""
-    rows, size = design.shape
     solution = expected.copy()
-    gram = np.zeros((size, size))
-    robust = np.ones(rows)
-    normal = np.zeros(rows)
+    gram = np.diag(prior)
+    robust = np.ones(len(t))
+    normal = np.zeros(len(t))
     scale, correlated = 1.0, least
     for _ in range(4):
-        gram[:] = 0.0
-        right = prior * expected
-        for i in range(rows):
-            weight = robust[i] / ((scale * sigma[i]) ** 2 * correlated)
-            for a in range(size):
-                part = weight * design[i, a]
-                right[a] += part * t[i]
-                for b in range(a + 1):
-                    gram[a, b] += part * design[i, b]
-        for a in range(size):
-            for b in range(a):
-                gram[b, a] = gram[a, b]
-            gram[a, a] += prior[a]
+        weight = robust / ((scale * sigma) ** 2 * correlated)
+        weighted = design * weight.reshape(-1, 1)
+        gram = weighted.T @ design + np.diag(prior)
+        right = weighted.T @ t + prior * expected
         solution = np.linalg.solve(gram, right).astype(np.float64)
-        for i in range(rows):
-            model = 0.0
-            for a in range(size):
-                model += design[i, a] * solution[a]
-            normal[i] = (t[i] - model) / sigma[i]
+        normal = (t - design @ solution) / sigma
         scale = max(1.0, 1.4826 * np.median(np.abs(normal)))
-        for i in range(rows):
-            robust[i] = 1.0 / (1.0 + (normal[i] / (2.5 * scale)) ** 2)
+        robust = 1.0 / (1.0 + (normal / (2.5 * scale)) ** 2)
         correlated = max(least, _correlation(normal))
     return solution, np.linalg.inv(gram).astype(np.float64), scale
 
@@ -281,26 +337,37 @@ def _correlation(normal: Array, most: int = 40) -> float:
     return total
 
 
-def _chainages(level: Level, track: TrackGeometry, slope_t: Array, pitch: float) -> Array:
-    """Chainage at each grid distance: the fitted ground seen along the path's pixels."""
-    path = track.path
-    assert path is not None
-    seen = level.from_pixels(path.uv)
-    angle = np.arctan(seen[:, 1] / level.camera.focal_px) + pitch
-    falling = np.minimum.accumulate(slope_t)
-    x = np.interp(-np.tan(angle), -falling, _GRID_M)
-    depth = x * (math.cos(pitch) + np.tan(angle) * math.sin(pitch))
-    y = -seen[:, 0] * depth / level.camera.focal_px
-    used = np.concatenate([[True], np.diff(x) > 1e-6]) & path.seen
+@numba.njit(cache=True)
+def _chainages(seen_xy: Array, seen: Bools, slope_t: Array, focal: float, pitch: float) -> Array:
+    """Chainage at each grid distance: the fitted ground seen along the path's levelled pixels."""
+    rising = np.empty(len(slope_t))
+    low = np.inf
+    for i in range(len(slope_t)):
+        low = min(low, slope_t[i])
+        rising[i] = -low
+    tangent = np.tan(np.arctan(seen_xy[:, 1] / focal) + pitch)
+    x = np.interp(-tangent, rising, _GRID_M)
+    y = -seen_xy[:, 0] * x * (math.cos(pitch) + tangent * math.sin(pitch)) / focal
+    used = seen.copy()
+    for i in range(1, len(x)):
+        used[i] = seen[i] and x[i] - x[i - 1] > 1e-6
     along, across = x[used], y[used]
     if len(along) < 4:
         return _GRID_M.copy()
     # Slopes over spans, not samples: far rows lie metres apart and their noise must not add up.
-    spans = np.linspace(along[0], along[-1], max(3, min(24, len(along) // 4)))
-    bends = np.gradient(np.interp(spans, along, across), spans)
-    slope = np.interp(_GRID_M, spans, bends)
-    stretch = np.sqrt(1.0 + slope**2) - 1.0
-    steps = np.diff(_GRID_M) * 0.5 * (stretch[1:] + stretch[:-1])
-    start = _GRID_M[0] * (1.0 + stretch[0])
-    longer = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(start + (_GRID_M - _GRID_M[0]) + longer, np.float64)
+    count = max(3, min(24, len(along) // 4))
+    spans = np.linspace(along[0], along[-1], count)
+    ends = np.interp(spans, along, across)
+    bends = np.empty(count)
+    bends[1:-1] = (ends[2:] - ends[:-2]) / (spans[2:] - spans[:-2])
+    bends[0] = (ends[1] - ends[0]) / (spans[1] - spans[0])
+    bends[-1] = (ends[-1] - ends[-2]) / (spans[-1] - spans[-2])
+    stretch = np.sqrt(1.0 + np.interp(_GRID_M, spans, bends) ** 2) - 1.0
+    chainage = np.empty(len(_GRID_M))
+    longer = 0.0
+    for i in range(len(_GRID_M)):
+        if i > 0:
+            step = _GRID_M[i] - _GRID_M[i - 1]
+            longer += 0.5 * step * (stretch[i] + stretch[i - 1])
+        chainage[i] = _GRID_M[i] + _GRID_M[0] * stretch[0] + longer
+    return chainage

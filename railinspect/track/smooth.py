@@ -98,6 +98,7 @@ def _integrated_hats(x_m: Array, knots_m: Array) -> tuple[Array, Array]:
     return once, twice
 
 
+@numba.njit(cache=True)
 def centre_bases(x_m: Array, knots_m: Array) -> tuple[Array, Array]:
     """Bases of y(x) = y₀ + y₀'·(x − x₀) + ∬ y'' and of its slope, each of shape (N, K + 2)."""
     n, k = len(x_m), len(knots_m)

@@ -118,7 +118,19 @@ def test_geometry_of_another_form(tmp_path: Path) -> None:
     pair = write_annotation(tmp_path, {"frame": "rs00000", "objects": [{"label": "rail"}]})
     with pytest.raises(BadInputError, match=r"rs00000\.json is not in RailSem19's form"):
         read_annotation(pair)
-    (tmp_path / "jsons/rs19_val/rs00000.json").write_text("{")
+    notes = tmp_path / "jsons/rs19_val/rs00000.json"
+    endless = {"label": "rail", "polyline": [[1, 2], [float("inf"), 4]]}
+    data = {"frame": "rs00000", "imgWidth": 96, "imgHeight": 64, "objects": [endless]}
+    notes.write_text(json.dumps(data))
+    with pytest.raises(BadInputError, match="not finite"):
+        read_annotation(pair)
+    notes.write_text("[]")
+    with pytest.raises(BadInputError, match="must hold a JSON object"):
+        read_annotation(pair)
+    notes.write_bytes(b" " * 20_000_001)
+    with pytest.raises(BadInputError, match="larger than 20 MB"):
+        read_annotation(pair)
+    notes.write_text("{")
     with pytest.raises(BadInputError, match="is not JSON"):
         read_annotation(pair)
     (tmp_path / "jsons/rs19_val/rs00000.json").unlink()

@@ -50,7 +50,9 @@ def a_folder(root, masks=True, notes=True, count=5, camera=None):
         if masks:
             (root / "uint8" / f"{name}.png").write_bytes(cv2.imencode(".png", labels)[1].tobytes())
         if notes:
-            text = json.dumps({"objects": [{"label": "rail", "polyline-pair": pair}]})
+            things = [{"label": "rail", "polyline-pair": pair}]
+            data = {"frame": name, "imgWidth": 640, "imgHeight": 360, "objects": things}
+            text = json.dumps(data)
             (root / "jsons" / f"{name}.json").write_text(text)
     return camera
 
@@ -137,7 +139,8 @@ def test_a_source_without_a_usable_picture_is_refused(tmp_path):
         "{",
         '{"objects": 3}',
         '{"objects": [{"polyline-pair": [[[1, "x"]], null]}]}',
-        '{"objects": [{"polyline-pair": [[[1, 2]], [[3, 4]]]}]}',
+        '{"frame": "a", "imgWidth": 640, "imgHeight": 360, "objects": '
+        '[{"label": "rail", "polyline-pair": [[[1, 2]], [[3, 4]]]}]}',
         "[" * 100_000,
     ],
 )

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from benchmarks.inspector import true_masks
 from railinspect.camera import Camera, CameraStd
 from railinspect.errors import BadInputError
+from railinspect.evaluation import true_segmentation
 from railinspect.ranging.calibrate_board import calibrate_boards, calibrate_folder
 from railinspect.ranging.calibrate_ride import DriftMonitor, RideCalibrator, with_ride
 from railinspect.ranging.camera_files import camera_from_kitti, camera_from_osdar23
@@ -82,7 +82,7 @@ def test_a_ride_calibrates_its_own_camera() -> None:
     calibrator = RideCalibrator((640, 360), sleeper_m=sleepers)
     for index in range(0, 125, 6):
         frame = ride.frame(index)
-        calibrator.update(true_masks(frame), frame.rgb)
+        calibrator.update(true_segmentation(frame.labels), frame.rgb)
     found, truth = calibrator.result().camera, ride.camera
     assert found.focal_px == pytest.approx(truth.focal_px, rel=0.03)
     assert found.height_m == pytest.approx(truth.height_m, rel=0.02)
