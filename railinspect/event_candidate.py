@@ -18,6 +18,12 @@ TYPE_WEIGHT: Final[dict[str, float]] = {"distortion": 0.5, "obstruction": 1.0, "
 MAX_CLOSING_MPS: Final = 100.0
 """Fastest approach considered when neither the ego speed nor a closing speed is known, m/s."""
 
+NEAREST_VOTE_M: Final = 5.0
+"""Range below which a vote on the type grows no more, metres."""
+
+UNKNOWN_VOTES_AS_M: Final = 50.0
+"""Range at which a sighting without any range votes, metres."""
+
 REMEMBERED: Final = 24
 """Number of last ranges kept: enough that their noise leaves a closing speed."""
 
@@ -143,7 +149,7 @@ class Candidate:
         if not sighting.whole:
             self.cut_time_s = time_s
         self.frames_seen += not again
-        vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence
+        vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence / self._voting_m(sighting)
         self.votes[sighting.type] = self.votes.get(sighting.type, 0.0) + vote
         if again:
             self.box_xyxy = union(self.box_xyxy, sighting.box_xyxy)
@@ -157,6 +163,11 @@ class Candidate:
             self.best_box_xyxy = self.box_xyxy
         if sighting.range_m is not None:
             self._see_range(time_s, sighting, sighting.range_m, again)
+
+    def _voting_m(self, sighting: Sighting) -> float:
+        """What a vote on the type is divided by: its range, metres. The near is seen large."""
+        last_m = self.ranges[-1].range_m if self.ranges else UNKNOWN_VOTES_AS_M
+        return max(sighting.range_m or last_m, NEAREST_VOTE_M)
 
     def _see_range(self, time_s: float, sighting: Sighting, range_m: float, again: bool) -> None:
         bounds = sighting.range_interval_m or (range_m, range_m)

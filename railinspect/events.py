@@ -18,8 +18,9 @@ The rules, in the order they apply:
    ground far behind it.)
    All other findings are separate events: different types that do not touch, and the same type
    at different ranges.
-3. **Type.** The type with the most summed confidence. A distortion's confidence counts half, as
-   an obstruction explains a distorted rail and not the other way round.
+3. **Type.** The type with the most confidence, summed over the sightings and each divided by its
+   range: what is near is seen large. A distortion's confidence counts half, as an obstruction
+   explains a distorted rail and not the other way round.
 4. **Confirmation.** A candidate becomes an event once it was seen in ``confirm_hits`` of the last
    ``confirm_window`` frames. The delay this costs is at least ``confirm_hits - 1`` frames and is
    recorded (``confirmed_time_s - first_time_s``).

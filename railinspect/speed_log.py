@@ -104,7 +104,8 @@ class SpeedLog:
         after = max(1, int(np.searchsorted(self._time_s, time_s)))
         before = after - 1
         gap_s = float(self._time_s[after] - self._time_s[before])
-        gone_s, left_s = time_s - self._time_s[before], self._time_s[after] - time_s
+        gone_s = float(time_s - self._time_s[before])
+        left_s = float(self._time_s[after] - time_s)
         own_mps = float(self._error_mps[[before, after]].max())
         if gone_s == 0.0 or left_s == 0.0:
             entry = before if gone_s == 0.0 else after

@@ -237,6 +237,14 @@ def test_the_most_severe_advice_and_the_best_picture_are_kept():
     assert int(event.thumbnail_jpeg) == event.best_frame > 12
 
 
+def test_the_type_is_judged_where_the_thing_is_seen_large():
+    ride = Ride()
+    while (range_m := 100.0 - ride.chainage_m()) > 8:
+        ride.show(seen(range_m, "trespasser" if range_m > 40 else "obstruction"))
+    (event,) = ride.events()
+    assert event.type == "obstruction"  # although it was taken for a person nearly twice as often
+
+
 def test_ids_go_on_from_where_they_are_told():
     tracker = EventTracker(EventSettings.still(), first_id=7)
     assert tracker.update(0, 0.0, (seen(40.0), seen(90.0, "trespasser"))).ids == (7, 8)
