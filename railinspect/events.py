@@ -6,7 +6,8 @@ The rules, in the order they apply:
    ranges agree and their image columns overlap, after the candidate has been carried forward to
    the present (its range by the ego speed or by its own closing speed; its box grown about the
    vanishing point accordingly). Without ranges, the boxes themselves have to overlap. Strongly
-   overlapping boxes are enough in any case.
+   overlapping boxes are enough in any case, and so is a box that holds the old one while its foot
+   lies lower: the upper part was seen first.
 2. **One place, one event.** Two findings of one frame are one event if
    (a) they have the same type and the same range, within ``same_place_m`` or their noise: two
    people side by side, or a heap of stones, are one place to brake for. A distortion is a stretch
@@ -36,10 +37,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Final
 
 from railinspect.boxes import Box, boxes_touch, columns_touch, height, iou, overlap_share
 from railinspect.event_candidate import Candidate
 from railinspect.event_types import Event, EventSettings, EventUpdate, Sighting, TimedRange
+
+FOOT_SHARE: Final = 0.6
+"""Least share of its range left to a thing whose foot comes into sight."""
 
 __all__ = ["Event", "EventSettings", "EventTracker", "EventUpdate", "Sighting", "TimedRange"]
 
@@ -224,9 +229,22 @@ class EventTracker:
         if candidate.type == sighting.type == "distortion":
             gate_m = max(gate_m, self._settings.stretch_m)
         apart_m = abs(predicted[0] - sighting.range_m)
+        if apart_m > gate_m and self._grows(candidate, predicted[0], box, sighting):
+            return 2.0 - overlap + bias
         if apart_m > gate_m or not columns_touch(box, sighting.box_xyxy, slack=0.5):
             return None
         return apart_m / gate_m + (1 - overlap) / 2 + bias
+
+    @staticmethod
+    def _grows(candidate: Candidate, range_m: float, box: Box, sighting: Sighting) -> bool:
+        """Whether a sighting is a candidate of which only the upper part was seen before.
+
+        A foot that comes out of the haze lowers the range at once, by more than its noise.
+        """
+        if sighting.range_m is None or sighting.type not in candidate.votes:
+            return False
+        nearer = FOOT_SHARE * range_m <= sighting.range_m < range_m
+        return nearer and overlap_share(box, sighting.box_xyxy) >= 0.6
 
     def _near_m(self, first_std_m: float | None, second_std_m: float | None) -> float:
         """How far two ranges of one place may lie apart: so far that their intervals touch.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -243,6 +245,19 @@ def test_the_type_is_judged_where_the_thing_is_seen_large():
         ride.show(seen(range_m, "trespasser" if range_m > 40 else "obstruction"))
     (event,) = ride.events()
     assert event.type == "obstruction"  # although it was taken for a person nearly twice as often
+
+
+def test_a_foot_that_comes_out_of_the_haze_makes_no_second_event():
+    ride = Ride()
+    while (range_m := 70.0 - ride.chainage_m()) > 8:
+        whole = seen(range_m, "trespasser", size_m=(0.5, 1.8), std_share=0.01)
+        left, top, right, bottom = whole.box_xyxy
+        far_m = range_m * 2.6 / 1.9  # only down to the knees: where that row would be on the ground
+        upper = replace(
+            whole, box_xyxy=(left, top, right, bottom - 0.4 * (bottom - top)), range_m=far_m
+        )
+        ride.show(upper if range_m > 30 else whole)
+    assert [event.type for event in ride.events()] == ["trespasser"]
 
 
 def test_ids_go_on_from_where_they_are_told():
