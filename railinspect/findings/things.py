@@ -67,10 +67,12 @@ def find_things(
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
-        _, components = cv2.connectedComponents(mask, connectivity=8)
+        _, components, sizes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
         component = components[rows, cols]
         inside = near & (np.abs(lateral) <= clearance)
         for number in np.unique(component[inside]):
+            if sizes[number, cv2.CC_STAT_AREA] < limits.least_area_px * scale**2:
+                continue
             part = near & (component == number)
             region = components == number
             found += _feet(
