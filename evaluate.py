@@ -100,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
         for name, value in summary.items():
             shown = f"{value:>10.4f}" if isinstance(value, float) else f"{value:>10}"
             print(f"  {name:20} {shown}")
-        for name, value in classes.items():  # type: ignore[union-attr]
+        for name, value in classes.items():
             print(f"    IoU {name:16} {value:>8.4f}")
         for name, band in (one.bands.summary() if one.bands else {}).items():
             print(f"  {name:14} rail IoU {band['rail_iou']:.4f}, thin F {band['thin_f']:.4f}")

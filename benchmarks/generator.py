@@ -69,7 +69,7 @@ def time_of(kind: str, pictures: list[Base], known: bool, repeats: int) -> list[
         def work(base: Base = base, number: int = number) -> None:
             track = base.track if known else None
             rng = np.random.default_rng(number)
-            generate(base.rgb, base.labels, kind, rng, track, camera=base.track.camera)  # type: ignore[arg-type]
+            generate(base.rgb, base.labels, kind, rng, track, camera=base.track.camera)
 
         try:
             work()

@@ -303,7 +303,7 @@ def plots(folder: Path) -> None:
     one.set_yscale("log")
     one.legend(fontsize=8)
     for lens, style in (("angle-linear", "C2-"), ("pinhole", "C3--")):
-        sensor = ShutterSensor(lens=lens)  # type: ignore[arg-type]
+        sensor = ShutterSensor(lens=lens)
         speeds = np.linspace(0.5, 25.0, 60)
         shifts = sensor.pixels(speeds * 836e-4)
         errors = [lateral_error(1.0, float(s), 836, sensor) for s in shifts]

@@ -57,7 +57,7 @@ def speed(folder: Path, threads: int, repeats: int) -> list[Measure]:
         zip(
             loaded,
             alternating_medians(
-                [lambda s=s: s(image) for s in loaded.values()],  # type: ignore[misc]
+                [lambda s=s: s(image) for s in loaded.values()],
                 repeats,
                 warm_up=3,
             ),
@@ -114,7 +114,7 @@ def train_once(
     width, height = (side // 16 * 16 for side in source(0)[0].shape[1::-1])
     segment = load_model(out / "last.ckpt", (width, height))
     pairs = (source(i) for i in range(len(source)))
-    return float(evaluate(segment, pairs).summary()["rail_iou"])  # type: ignore[arg-type]
+    return float(evaluate(segment, pairs).summary()["rail_iou"])
 
 
 def compare(
@@ -161,7 +161,7 @@ def gpu() -> list[Measure]:
     for name in ("fscnn_resnet50", "deeplabv3_resnet50"):
         chosen = settings(name)
         network = build(chosen.network, chosen.settings).cuda()
-        network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        network = network.to(memory_format=torch.channels_last)
         images = torch.rand(8, 3, 544, 960, device="cuda")
         images = images.contiguous(memory_format=torch.channels_last)
         seen = []

@@ -72,7 +72,7 @@ def gallery(pictures: list[Base]) -> None:
     for kind in ("distortion", "obstruction", "trespasser"):
         for number, base in enumerate(pictures):
             rng = np.random.default_rng([5, number])
-            made: Generated = generate(base.rgb, base.labels, kind, rng, base.track)  # type: ignore[arg-type]
+            made: Generated = generate(base.rgb, base.labels, kind, rng, base.track)
             tiles.append(about(made.rgb, made.box_xyxy))
     save("anomalies.jpg", tiles, 3)
 
@@ -101,7 +101,7 @@ def steps(base: Base) -> None:
     polygon, _, _ = distort(rgb, labels, base.track, plan)
     low, high = polygon.min(axis=0), polygon.max(axis=0)
     box = (*map(float, low), *map(float, high))
-    tiles = [about(shown, box), *tiles, about(rgb, box), about(colourise(labels), box)]  # type: ignore[arg-type]
+    tiles = [about(shown, box), *tiles, about(rgb, box), about(colourise(labels), box)]
     save("anomalies_steps.jpg", tiles, 3)
 
 

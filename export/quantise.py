@@ -121,5 +121,5 @@ def compare_speed_and_rails(
             segmenter(image)
             if turn:  # the first warms up
                 seen.append(time.perf_counter() - began)
-    ious = [float(evaluate(s, labelled).summary()["rail_iou"]) for s in (int8, float32)]  # type: ignore[arg-type]
+    ious = [float(evaluate(s, labelled).summary()["rail_iou"]) for s in (int8, float32)]
     return Comparison(*(statistics.median(t) for t in times), *ious)

@@ -58,7 +58,7 @@ class Backbone(nn.Module):
             net = torchvision.models.get_model(name, weights=None, dilated=True)
         self.stages = _stages(net, name, head, cut)
         if not name.startswith("resnet"):
-            self.channels = tuple(list(stage.children())[-1].out_channels for stage in self.stages)  # type: ignore[assignment]
+            self.channels = tuple(list(stage.children())[-1].out_channels for stage in self.stages)
 
     def forward(self, image: Tensor) -> list[Tensor]:
         """Maps of the four stages, finest first, of RGB (N, 3, H, W) in 0 … 1."""
@@ -110,13 +110,13 @@ def _first_layers(stages: nn.Module) -> tuple[nn.Conv2d, nn.BatchNorm2d]:
 def _stages(net: nn.Module, name: str, head: bool, cut: bool) -> nn.ModuleList:
     if name.startswith("resnet"):
         parts: Sequence[Sequence[nn.Module]] = (
-            (net.conv1, net.bn1, net.relu),  # type: ignore[assignment]
-            (net.maxpool, net.layer1),  # type: ignore[assignment]
-            (net.layer2,),  # type: ignore[assignment]
-            (net.layer3,) if cut else (net.layer3, net.layer4),  # type: ignore[assignment]
+            (net.conv1, net.bn1, net.relu),
+            (net.maxpool, net.layer1),
+            (net.layer2,),
+            (net.layer3,) if cut else (net.layer3, net.layer4),
         )
     else:
-        blocks = list(net.features.children())  # type: ignore[union-attr]
+        blocks = list(net.features.children())
         a, b, c, d = _MOBILE_ENDS[name]
         end = d if cut else len(blocks) if head else -1
         parts = (blocks[:a], blocks[a:b], blocks[b:c], blocks[c:end])

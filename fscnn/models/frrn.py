@@ -83,13 +83,13 @@ class Frrn(nn.Module):
         lane = self.split(pooled)
         for group in self.down:
             pooled = functional.max_pool2d(pooled, 2)
-            for unit in group:  # type: ignore[union-attr]
+            for unit in group:
                 pooled, lane = unit(pooled, lane)
         for group in self.up:
-            scale = group[0].scale  # type: ignore[index]
+            scale = group[0].scale
             size = [side // scale for side in lane.shape[2:]]
             pooled = functional.interpolate(pooled, size=size, mode="nearest")
-            for unit in group:  # type: ignore[union-attr]
+            for unit in group:
                 pooled, lane = unit(pooled, lane)
         merged = self.merge(torch.cat([resize_like(pooled, lane), lane], 1))
         return self.classify(merged)

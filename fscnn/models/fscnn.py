@@ -77,7 +77,7 @@ class Fscnn(nn.Module):
         self.up2 = _UpStep(up4, c2, up2, up2)
         self.classify = nn.Conv2d(up2, config.classes, 1)
         self.rails = nn.Conv2d(up2, self.stride**2, 3, padding=1)
-        nn.init.constant_(self.rails.bias, RAIL_PRIOR)  # type: ignore[arg-type]
+        nn.init.constant_(self.rails.bias, RAIL_PRIOR)
 
     def forward(self, image: Tensor) -> Tensor:
         """Class and rail scores at stride 2; H and W must be even."""

@@ -67,5 +67,5 @@ class BandScores:
         for scores, low, high in zip(self.bands, EDGES_M, EDGES_M[1:], strict=False):
             summary = scores.summary()
             name = f"{low:.0f}–{high:.0f} m" if np.isfinite(high) else f"from {low:.0f} m"
-            result[name] = {key: float(summary[key]) for key in kept}  # type: ignore[arg-type]
+            result[name] = {key: float(summary[key]) for key in kept}
         return result

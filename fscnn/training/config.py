@@ -80,7 +80,7 @@ class TrainConfig:
         start_from: Checkpoint whose weights training starts from, or ``imagenet`` for the published
             weights of the network's backbone; empty starts from random ones.
         fold_norms: Fold the batch norms of ``start_from`` into its kernels and train on without:
-            1.6 times as many samples per second on a CPU, at a lower rate.
+            more samples per second on a CPU, at a lower rate.
     """
 
     seed: int = 0

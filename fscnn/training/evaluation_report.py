@@ -55,7 +55,7 @@ def tables(evaluations: Sequence[Evaluation]) -> dict[str, list[list[str]]]:
     overall = [[*head, "Thin F (%)", "Accuracy (%)", "Calibration error (%)"]]
     for done in evaluations:
         summary = done.scores.summary()
-        shares = [percent(float(summary[n])) for n in names]  # type: ignore[arg-type]
+        shares = [percent(float(summary[n])) for n in names]
         overall.append([done.model, str(summary["images"]), *shares])
     result[f"Rails, within {evaluations[0].scores.tolerance_px:g} px"] = overall
     for done in evaluations:

@@ -140,7 +140,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     trainer = lightning.Trainer(
         accelerator=run.accelerator,
         devices=run.devices,
-        precision=run.precision,  # type: ignore[arg-type]
+        precision=run.precision,
         max_epochs=-1,
         accumulate_grad_batches=run.accumulate,
         gradient_clip_val=config.optimiser.clip,
@@ -160,6 +160,7 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     if run.recalibrate > 0:
         metrics = _try_recalibrated(trainer, module, data, run.recalibrate, metrics)
     # The run may end between two validations, and its last weights are often the best.
+    # Saved with the optimiser's state, so that a run can go on from it; it is read safely.
     trainer.save_checkpoint(out / "last.ckpt", weights_only=False)
     best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
     if math.isnan(best) or metrics["val/rail_iou"] >= best:

@@ -37,7 +37,7 @@ def explain_divergence(network: nn.Module, images: Tensor, step: int) -> Diverge
         return hook
 
     handles = [
-        module.register_forward_hook(watch(name))  # type: ignore[arg-type]
+        module.register_forward_hook(watch(name))
         for name, module in network.named_modules()
         if not list(module.children())
     ]

@@ -94,7 +94,7 @@ class SegmentationModule(lightning.LightningModule):
             self.trainer.should_stop = True
             return -1
         rate = self.rate * rate_factor(progress, self.schedule)
-        for group in self.optimizers().param_groups:  # type: ignore[union-attr]
+        for group in self.optimizers().param_groups:
             group["lr"] = rate
         return None
 
@@ -142,7 +142,7 @@ class SegmentationModule(lightning.LightningModule):
                 total[...] = summed.cpu().numpy()
         summary = self.scores.summary()
         for metric in ("rail_iou", "mean_iou", "accuracy", "thin_f"):
-            value = float(summary[metric])  # type: ignore[arg-type]
+            value = float(summary[metric])
             self.log(f"val/{metric}", value, prog_bar=metric == "rail_iou")
 
     def configure_optimizers(self) -> torch.optim.Optimizer:

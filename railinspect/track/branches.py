@@ -78,7 +78,7 @@ def find_branches(
             continue  # it joins, runs beside, or is no track
         first = int(np.flatnonzero(seen)[0])
         grown = _grown(score, level, nodes[first], hand * float(aside[0]), hand * parting, settings)
-        branch = _branch(level, nodes, grown, side)  # type: ignore[arg-type]
+        branch = _branch(level, nodes, grown, side)  # type: ignore[arg-type]  # left or right
         if branch is not None:
             found.append(branch)
     return tuple(sorted(found, key=lambda b: b.from_m))

@@ -87,7 +87,8 @@ class Reader:
         where = f"{place}: " if place else ""
         if not isinstance(data, dict):
             raise self.error(place, f"{where}expected a mapping, not {data!r}")
-        known: dict[str, Field[Any]] = {item.name: item for item in fields(kind) if item.init}  # type: ignore[arg-type]
+        taken = fields(kind)  # type: ignore[arg-type]  # always a dataclass
+        known: dict[str, Field[Any]] = {item.name: item for item in taken if item.init}
         for key in data:
             if key not in known:
                 inside = f"{place}.{key}" if place else str(key)

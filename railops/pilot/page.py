@@ -83,7 +83,7 @@ def write_page(campaign: Campaign, path: str | Path) -> Path:
     """Write the page: one undisturbed mission animated, and the campaign's shares below it."""
     mission = campaign.mission
     runs, obstacle = _runs(mission)
-    last = max(len(run["train"]) for run in runs.values()) - 1  # type: ignore[arg-type]
+    last = max(len(run["train"]) for run in runs.values()) - 1  # type: ignore[arg-type]  # lists
     page = _PAGE.substitute(
         summary=(
             f"The mother train runs at {3.6 * mission.train.speed_mps:.0f} km/h, the pilot vehicle "

@@ -87,8 +87,8 @@ def test_command_prints_one_document(exported: tuple[Path, dict[str, object]]) -
     assert set(document) == set(Exported.__dataclass_fields__)
     assert document["size_bytes"] == path.stat().st_size
     assert document["input_size_wh"] == [96, 64]
-    assert document["agreement"] >= 0.999  # type: ignore[operator]
-    assert document["score_difference"] <= 1  # type: ignore[operator]
+    assert document["agreement"] >= 0.999
+    assert document["score_difference"] <= 1
 
 
 def test_checkpoint_equals_bundle_equals_runtime(

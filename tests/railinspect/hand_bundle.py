@@ -90,5 +90,5 @@ def bundle(
     built = built or model()
     entry = built.metadata_props.add()
     entry.key = key
-    entry.value = change(replace(metadata(), **fields).to_json())  # type: ignore[arg-type]
+    entry.value = change(replace(metadata(), **fields).to_json())
     return bytes(built.SerializeToString())

@@ -189,7 +189,7 @@ def test_person_and_crate_are_two_findings_nearest_first() -> None:
     ids=["left", "right", "ripple", "far"],
 )
 def test_bent_rails_are_found(curvature: float, bend: object) -> None:
-    _, found = judge(draw(camera(), curvature, bend=bend), camera())  # type: ignore[arg-type]
+    _, found = judge(draw(camera(), curvature, bend=bend), camera())
     assert [f.type for f in found] == ["distortion"]
     assert "smooth track" in found[0].evidence
 
@@ -207,7 +207,7 @@ def test_transition_curves_are_no_distortion(radius: float, transition: float) -
     for start in (10.0, 40.0):
         masks = draw(
             camera(),
-            lambda s, a=start: np.clip((s - a) / transition, 0, 1) / radius,  # type: ignore[misc]
+            lambda s, a=start: np.clip((s - a) / transition, 0, 1) / radius,
         )
         geometry, found = judge(masks, camera())
         assert found == (), found

@@ -21,5 +21,8 @@ def test_the_drawn_track_takes_every_step_of_the_loop():
     assert records[-1].advice is not None
 
 
-def test_warming_up_needs_nothing():
+def test_warming_up_needs_nothing_and_is_done_once_per_process():
+    warm_up.cache_clear()
     warm_up()
+    warm_up()
+    assert warm_up.cache_info().misses == 1

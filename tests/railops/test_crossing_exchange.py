@@ -199,7 +199,10 @@ def test_the_train_asks_for_closing_once_near_and_until_it_is_closed() -> None:
     bus, _, _ = units(now)
     train = TrainUnit("10", bus, "5", CAUTIOUS, lambda: now[0])
     train.receive(Message("area", "5", "10", 9.0, {"code": "1000"}))
-    asked = lambda: [trace.message.kind for trace in bus.log].count("close")  # noqa: E731
+
+    def asked() -> int:
+        return [trace.message.kind for trace in bus.log].count("close")
+
     train.ask_to_close(1200.0, 20.0, 400.0)  # 40 s before the last braking point
     assert asked() == 0
     train.ask_to_close(1000.0, 20.0, 400.0)

@@ -50,7 +50,7 @@ def test_absent_classes_are_nan_not_zero() -> None:
     assert math.isnan(union_iou(empty))
     summary = Scores().summary()
     for name in ("mean_iou", "accuracy", "rail_iou", "thin_f", "ece"):
-        assert math.isnan(summary[name]), name  # type: ignore[arg-type]
+        assert math.isnan(summary[name]), name
 
 
 @settings(max_examples=30, deadline=None)

@@ -80,7 +80,7 @@ def test_a_missing_folder_is_refused(tmp_path):
 
 def test_a_cutout_needs_eight_bits():
     with pytest.raises(BadInputError, match="8-bit"):
-        Cutout("x", "obstruction", np.zeros((4, 4, 4)), 1.0, 2)  # type: ignore[arg-type]
+        Cutout("x", "obstruction", np.zeros((4, 4, 4)), 1.0, 2)
 
 
 def test_a_sculpture_has_the_size_of_its_bodies():

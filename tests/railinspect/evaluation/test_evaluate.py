@@ -33,12 +33,12 @@ BOX = (100.0, 100.0, 116.0, 116.0)
 
 def sample(name: str, type_: str | None = None, range_m: float = 30.0) -> Sample:
     anomaly = None if type_ is None else Anomaly(type_, BOX, range_m)
-    return Sample(name, image=None, mask=None, anomaly=anomaly)  # type: ignore[arg-type]
+    return Sample(name, image=None, mask=None, anomaly=anomaly)
 
 
 def answer(said: str, box=BOX, ms: float = 1.0) -> Answer:
     boxes = ((said, box),) if said not in ("clear", "unknown") else ()
-    return Answer(said, boxes, time_ms=ms)  # type: ignore[arg-type]
+    return Answer(said, boxes, time_ms=ms)
 
 
 def test_scores_by_hand():
@@ -125,7 +125,7 @@ def data_set(tmp_path_factory):
                 f"masks/{name}",
                 "drawn",
                 number,
-                type_,  # type: ignore[arg-type]
+                type_,
                 polygon_uv=polygon,
                 box_xyxy=box,
                 range_m=None if thing is None else thing.range_m,

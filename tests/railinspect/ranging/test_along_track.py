@@ -110,7 +110,7 @@ def test_a_thing_on_the_bed_is_farther_than_its_row_says() -> None:
 def at_row(geometry: TrackGeometry, row: float) -> Finding:
     foot = np.array(
         [float(np.interp(row, geometry.path.uv[::-1, 1], geometry.path.uv[::-1, 0])), row]
-    )  # type: ignore[union-attr]
+    )
     return Finding("obstruction", np.array([foot]), (0, 0, 1, 1), 0.9, foot, "")
 
 

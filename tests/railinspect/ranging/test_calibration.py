@@ -204,4 +204,4 @@ def test_kitti_is_wide_about_where_the_camera_hangs(tmp_path: Path) -> None:
 def test_absurd_cameras_are_refused(bad: dict[str, object]) -> None:
     good = Camera((640, 360), 700.0, (319.5, 179.5), 2.6)
     with pytest.raises(BadInputError):
-        dataclasses.replace(good, **bad)  # type: ignore[arg-type]
+        dataclasses.replace(good, **bad)

@@ -65,7 +65,7 @@ def test_pairs_that_are_none() -> None:
     with pytest.raises(BadInputError, match="one size"):
         match(grey, grey[:, :50], SETTINGS)
     with pytest.raises(BadInputError, match="uint8"):
-        match(grey.astype(float), grey.astype(float), SETTINGS)  # type: ignore[arg-type]
+        match(grey.astype(float), grey.astype(float), SETTINGS)
 
 
 def test_nothing_to_match_is_no_range() -> None:

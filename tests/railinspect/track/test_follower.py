@@ -36,7 +36,7 @@ def follow(masks: Masks, cam: Camera | None, frames: int = 2) -> TrackGeometry:
 
 def rail_error_px(geometry: TrackGeometry, cam: Camera, curvature: object) -> np.ndarray:
     """Column error of the left polyline, row by row."""
-    line = centre_line(curvature)  # type: ignore[arg-type]
+    line = centre_line(curvature)
     line = line[line[:, 0] > 3]
     truth = cam.distort(cam.project(rail_points(line, cam.rail_spacing_m / 2)))
     truth = truth[np.isfinite(truth).all(axis=1)][::-1]
@@ -283,7 +283,7 @@ def full(shape: tuple[int, int]) -> Masks:
 def test_masks_without_a_track_are_not_followed(
     cam: Camera | None, shape: tuple[int, int], make: object
 ) -> None:
-    geometry = follow(make(shape), cam)  # type: ignore[operator]
+    geometry = follow(make(shape), cam)
     assert not geometry.followed
     assert geometry.reason
 
