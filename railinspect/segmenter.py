@@ -143,6 +143,9 @@ def segment_at(
 ) -> Segmentation:
     """Segment an image of any size with a network of one size.
 
+    The image keeps its proportions: it is scaled to fit, and the rest of the network's input, below
+    and to the right, repeats its border.
+
     Args:
         rgb: RGB image, uint8 of shape (H, W, 3), at least 16 × 16.
         size_wh: Width and height the network takes.
@@ -155,15 +158,36 @@ def segment_at(
     height, width = rgb.shape[:2]
     if (width, height) == size_wh:
         return Segmentation(*run(rgb))
-    shrinks = width > size_wh[0] or height > size_wh[1]
+    wide, high = fitted_wh((width, height), size_wh)
+    shrinks = width > wide or height > high
     way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    labels, confidence, rail_score = run(cast(Image, cv2.resize(rgb, size_wh, interpolation=way)))
+    fitted = rgb
+    if (width, height) != (wide, high):
+        fitted = cast(Image, cv2.resize(rgb, (wide, high), interpolation=way))
+    margin = (0, size_wh[1] - high, 0, size_wh[0] - wide)
+    maps = run(cast(Image, cv2.copyMakeBorder(fitted, *margin, cv2.BORDER_REPLICATE)))
+    labels, confidence, rail_score = (np.ascontiguousarray(one[:high, :wide]) for one in maps)
+    if (width, height) == (wide, high):
+        return Segmentation(labels, confidence, rail_score)
     size = (width, height)
     return Segmentation(
         cast(Image, cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)),
         cast(Image, cv2.resize(confidence, size, interpolation=cv2.INTER_LINEAR)),
         cast(Image, cv2.resize(rail_score, size, interpolation=cv2.INTER_LINEAR)),
     )
+
+
+def fitted_wh(image_wh: tuple[int, int], room_wh: tuple[int, int]) -> tuple[int, int]:
+    """Largest width and height in the image's own proportions that fit into the room, pixels.
+
+    A picture of the room's width or height and at most its other side stays as it is: resampling
+    by a few per cent would cost a two-pixel rail more than it gains.
+    """
+    scale = min(room / own for room, own in zip(room_wh, image_wh, strict=True))
+    wide, high = (
+        max(1, min(room, round(own * scale))) for room, own in zip(room_wh, image_wh, strict=True)
+    )
+    return wide, high
 
 
 @dataclass(frozen=True)

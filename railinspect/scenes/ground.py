@@ -33,6 +33,10 @@ FAR_M = 1500.0
 LABEL_MIN_HALF_PX = 1.0
 """Half the least width at which a rail is labelled, pixels (the head's own width when wider)."""
 
+LABEL_MIN_GAP_PX = 1.0
+"""Least distance of a track's two rails, pixels, at which they are labelled: beyond it nobody sees
+that there are two, as where a curve's far end lies along the horizon."""
+
 # Columns of the zone table: a strip of ground along the track.
 ZONE_LOW, ZONE_HIGH, ZONE_R, ZONE_G, ZONE_B, ZONE_GRAIN, ZONE_KIND, ZONE_LABEL, ZONE_MARK = range(9)
 # Columns of the crossing table: a road across the track.
@@ -436,7 +440,9 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                         r += cover * (tracks[k, TRACK_HEAD_R] - r)
                         g += cover * (tracks[k, TRACK_HEAD_G] - g)
                         b += cover * (tracks[k, TRACK_HEAD_B] - b)
-                    if abs(top_left - rail) <= max(half_head, LABEL_MIN_HALF_PX * width):
+                    told_apart = spacing >= LABEL_MIN_GAP_PX * width
+                    half_label = max(half_head, LABEL_MIN_HALF_PX * width)
+                    if told_apart and abs(top_left - rail) <= half_label:
                         label = RAIL_EMBEDDED if embedded else RAIL_RAISED
 
             # Illumination: tunnels and shadows.
