@@ -11,7 +11,7 @@ from onnx import TensorProto, helper
 from railinspect.bundle import MAX_BYTES, golden_image, read_bytes, unpack_labels
 from railinspect.errors import BadInputError, BundleError
 from railinspect.labels import CLASSES
-from railinspect.segmenter import Segmenter, verify
+from railinspect.segmenter import Segmenter, fitted_wh, segment_at, verify
 from tests.railinspect.hand_bundle import SIZE_WH, bundle, golden_outputs, metadata, model
 
 GOLDEN_SUM = 111840107
@@ -35,7 +35,7 @@ def test_runs_the_graph_at_its_own_size(segmenter: Segmenter) -> None:
     assert np.array_equal(result.rail_score, image[..., 2])
 
 
-@pytest.mark.parametrize("size", [(96, 64), (24, 16), (61, 47), (48, 33), (16, 400)])
+@pytest.mark.parametrize("size", [(96, 64), (24, 16), (61, 47), (48, 33), (64, 400)])
 def test_other_sizes_come_back_at_their_own_size(
     segmenter: Segmenter, size: tuple[int, int]
 ) -> None:
@@ -54,6 +54,34 @@ def test_other_sizes_come_back_at_their_own_size(
         assert part[height // 2, 0] == left
         assert part[height // 2, -1] == right
     assert set(np.unique(result.labels)) <= set(range(19))
+
+
+@pytest.mark.parametrize(
+    ("image_wh", "fitted"),
+    [((640, 360), (640, 360)), ((1920, 1080), (640, 360)), ((640, 480), (491, 368))],
+)
+def test_pictures_keep_their_proportions(
+    image_wh: tuple[int, int], fitted: tuple[int, int]
+) -> None:
+    seen = []
+
+    def run(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        seen.append(rgb)
+        return rgb[..., 0], rgb[..., 1], rgb[..., 2]
+
+    image = np.full((image_wh[1], image_wh[0], 3), 7, np.uint8)
+    image[-1:], image[:, -1:] = 9, 9
+    result = segment_at(image, (640, 368), run)
+    assert seen[0].shape == (368, 640, 3)
+    wide, high = fitted
+    if fitted == image_wh:  # not resampled at all
+        assert np.array_equal(seen[0][:high, :wide], image)
+        assert np.array_equal(result.labels, image[..., 0])
+    # the border goes on below and to the right
+    assert np.all(seen[0][high:] == seen[0][high - 1])
+    assert np.all(seen[0][:, wide:] == seen[0][:, wide - 1 : wide])
+    assert fitted_wh(image_wh, (640, 368)) == fitted
+    assert result.labels.shape == (image_wh[1], image_wh[0])
 
 
 def test_labels_are_never_blended(segmenter: Segmenter) -> None:

@@ -20,8 +20,9 @@ from railinspect.scenes import (
     write_images,
 )
 from railinspect.scenes.dataset import IMAGES, MASKS
+from railinspect.scenes.ground import FAR_M
 from railinspect.scenes.planting import plant
-from railinspect.scenes.render import Rendered, view
+from railinspect.scenes.render import Rendered, rail_points, view
 from railinspect.scenes.world import begin, finish
 
 SMALL = (320, 180)
@@ -96,6 +97,30 @@ def test_depth_of_level_ground_is_the_camera_models() -> None:
     near = seen[:, 2] < 150
     depth = picture.depth_m[rails[:, 0], rails[:, 1]]
     np.testing.assert_allclose(depth[near], seen[near, 2], rtol=0.01)
+
+
+def test_rails_are_labelled_while_the_two_can_be_told_apart() -> None:
+    draft, level, camera = level_world()
+    curve = replace(level, curvature_per_m=np.full_like(level.curvature_per_m, 1 / 300))
+    world = finish(draft, 3, curve, camera)
+    picture = view(world, np.random.default_rng(0))
+    far = curve.local(0.0, FAR_M)
+    along = np.linspace(20, 400, 600)
+    left, right = (
+        camera.project(rail_points(world, far, 0.0, along, side)) for side in (1.0, -1.0)
+    )
+    step = np.gradient(left, axis=0)
+    normal = np.column_stack([-step[:, 1], step[:, 0]]) / np.hypot(*step.T)[:, None]
+    gap = np.abs(((right - left) * normal).sum(1))
+    where = np.round(left).astype(int)
+    inside = (where >= 0).all(1) & (where < np.array(camera.size_wh)).all(1)
+    seen = np.zeros(len(where), bool)
+    seen[inside] = np.isin(picture.labels[where[inside, 1], where[inside, 0]], RAILS)
+    told, merged = inside & (gap > 1.4), inside & (gap < 0.7)
+    assert told.sum() > 50
+    assert merged.sum() > 50
+    assert seen[told].mean() > 0.85  # here and there something stands before it
+    assert not seen[merged].any()
 
 
 @pytest.mark.parametrize("distance", [12.0, 30.0, 60.0])
