@@ -24,9 +24,9 @@ from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, RAIL_EMBEDDED, RAIL_RAISED, RAILS, VOID
 from railinspect.scenes import Rendered
+from railinspect.scenes.draft import World
 from railinspect.scenes.ground import RAIL_HEIGHT_M
 from railinspect.scenes.render import rail_points
-from railinspect.scenes.world import World
 from railinspect.segmenter import Segmentation
 from railinspect.track import TrackFollower
 

@@ -1,6 +1,6 @@
 """The built-in cut-outs: people, stones, logs, boxes, animals and vehicles, drawn from a number.
 
-:mod:`railinspect.scenes.furniture` draws such things too, for a world in which they are one of
+:mod:`railinspect.scenes.movables` draws such things too, for a world in which they are one of
 hundreds and a few pixels tall; what is blended into a photograph is seen from near.
 """
 

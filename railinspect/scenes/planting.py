@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from railinspect import labels
-from railinspect.scenes import furniture as f
 from railinspect.scenes import ground as g
-from railinspect.scenes.world import Draft, Thing
+from railinspect.scenes import movables
+from railinspect.scenes.draft import Draft, Thing
 
 AnomalyType = Literal["distortion", "obstruction", "trespasser"]
 ANOMALY_TYPES: tuple[AnomalyType, ...] = ("distortion", "obstruction", "trespasser")
@@ -53,24 +53,24 @@ def plant(
         made = Thing(thing, kind, labels.RAIL_RAISED, chainage_m, 0.0, length, amplitude, True)
     elif kind == "trespasser":
         left = float(rng.uniform(-1.0, 1.0))
-        high = f.person(draft.kit, rng, chainage_m, left, up, thing)
+        high = movables.person(draft.kit, rng, chainage_m, left, up, thing)
         made = Thing(thing, kind, labels.HUMAN, chainage_m, left, 0.4, high, True)
     else:
         what = rng.choice(["stones", "log", "crate", "animal", "car"], p=[0.3, 0.2, 0.3, 0.1, 0.1])
         left = float(rng.uniform(-half, half))
         label = labels.CONSTRUCTION
         if what == "stones":
-            high = f.boulder(
+            high = movables.boulder(
                 draft.kit, rng, chainage_m, left, up, float(rng.uniform(0.4, 1.1)), thing
             )
         elif what == "log":
-            high = f.log(draft.kit, rng, chainage_m, left * 0.5, up + 0.1, thing)
+            high = movables.log(draft.kit, rng, chainage_m, left * 0.5, up + 0.1, thing)
         elif what == "crate":
-            high = f.crate(draft.kit, rng, chainage_m, left, up, sun, thing)
+            high = movables.crate(draft.kit, rng, chainage_m, left, up, sun, thing)
         elif what == "animal":
-            high = f.animal(draft.kit, rng, chainage_m, left, up, thing)
+            high = movables.animal(draft.kit, rng, chainage_m, left, up, thing)
         else:
-            high = f.car(
+            high = movables.car(
                 draft.kit, rng, chainage_m, left * 0.5, up, sun, thing, truck=False, crosswise=True
             )
             label = labels.CAR
@@ -94,7 +94,7 @@ def sprinkle(draft: Draft, rng: np.random.Generator, reach_m: float) -> None:
     elif chance < 0.42:
         at = float(12 + rng.gamma(1.6, 30.0))
         thing = draft.next_id()
-        high = f.train(
+        high = movables.train(
             draft.kit, rng, at, 0.0, float(rng.uniform(20, 120)), draft.looks.sun_side, thing
         )
         draft.things.append(Thing(thing, "obstruction", labels.ON_RAILS, at, 0.0, 20.0, high, True))

@@ -57,6 +57,12 @@ Colour = tuple[float, float, float]
 Point = tuple[float, float, float]
 
 
+def tint(colour: npt.ArrayLike, gain: float = 1.0) -> Colour:
+    """A colour scaled by ``gain``, as a triple."""
+    red, green, blue = (min(255.0, float(c) * gain) for c in np.asarray(colour, float))
+    return (red, green, blue)
+
+
 @dataclass
 class Kit:
     """A growing list of primitives in track coordinates (along, left, up), metres."""

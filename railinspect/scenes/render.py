@@ -14,11 +14,12 @@ from railinspect.labels import SKY
 from railinspect.scenes import backdrop, planting
 from railinspect.scenes import ground as g
 from railinspect.scenes.alignment import LocalTrack
+from railinspect.scenes.draft import START_M, World
 from railinspect.scenes.noise import pyramids
 from railinspect.scenes.raster import draw
 from railinspect.scenes.settings import SceneSettings
 from railinspect.scenes.weather import develop
-from railinspect.scenes.world import START_M, World, begin, finish
+from railinspect.scenes.world import begin, finish
 
 Array = npt.NDArray[np.float64]
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
+from railinspect.scenes.draft import Thing, World
 from railinspect.scenes.planting import ANOMALY_TYPES, plant
 from railinspect.scenes.render import Rendered, view
 from railinspect.scenes.settings import SceneSettings
-from railinspect.scenes.world import Thing, World, begin, finish
+from railinspect.scenes.world import begin, finish
 
 Plan = Literal["clear", "demo"]
 
