@@ -128,6 +128,11 @@ class Inspector:
         """The id the next confirmed event will get."""
         return self._events.next_id
 
+    @property
+    def live_ids(self) -> tuple[int, ...]:
+        """The ids of the events confirmed and not ended."""
+        return tuple(event.id for event in self._events.live())
+
     def pass_by(self, times_s: Sequence[float]) -> None:
         """Let the train run through frames that are not inspected.
 

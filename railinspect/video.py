@@ -14,7 +14,7 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, Literal, cast
+from typing import Any, Final, Literal, cast
 
 import av
 import numpy as np
@@ -221,6 +221,8 @@ class _VideoSource(Source):
         super().__init__(path)
         self._threads = threads
         self._first_s: float | None = None
+        self._first: Frame | None = None
+        self._frames = self._decode()
         self._open()
 
     def _open(self) -> None:
@@ -282,7 +284,7 @@ class _VideoSource(Source):
         self._first = next(self._frames, None)
         return self._first is not None and first_s <= self._first.time_s <= time_s
 
-    def _packets(self, from_s: float = -math.inf) -> Iterator[av.Packet]:
+    def _packets(self, from_s: float = -math.inf) -> Iterator[av.Packet[Any]]:
         """The recording's packets, from about a time on, as far as they can be read; undecoded."""
         with (
             contextlib.suppress(av.FFmpegError),
@@ -314,7 +316,7 @@ class _VideoSource(Source):
         )
         self._frames = self._decode()
         try:
-            self._first: Frame | None = next(self._frames)
+            self._first = next(self._frames)
         except StopIteration:
             why = self.breaks[-1].reason if self.breaks else "it contains no picture"
             raise BadInputError(
