@@ -144,13 +144,15 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 
 def _add_inspect(commands: Any) -> None:
+    from railinspect.fleet.commands import add_fleet_options
+
     parser = _command(
         commands,
         "inspect",
         "inspect videos, image folders or images and write a report",
         description="Inspect each input in turn (video file, folder of images, single image) and "
         "write a run folder: run.json, frames.jsonl, events.jsonl, events.parquet, "
-        "overlay/NAME.mp4 and report.html.",
+        "overlay/NAME.mp4 and report.html. Many recordings make a fleet run, see below.",
     )
     parser.add_argument("inputs", nargs="+", metavar="INPUT", type=Path)
     parser.add_argument("--out", type=Path, required=True, help="run folder to create")
@@ -198,12 +200,14 @@ def _add_inspect(commands: Any) -> None:
         help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    add_fleet_options(parser)
     parser.set_defaults(run=_run_inspect)
 
 
 def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, Progress, inspect_inputs
     from railinspect.camera import Camera
+    from railinspect.fleet.commands import is_fleet_run, run_fleet
     from railinspect.progress import ProgressLine
 
     train, log, known = _train(options)
@@ -215,6 +219,8 @@ def _run_inspect(options: argparse.Namespace) -> int:
         folder_rate_hz=options.rate,
         overlay=not options.no_overlay,
     )
+    if is_fleet_run(options):
+        return run_fleet(options, settings)
     segmenter = _segmenter(options)
     line = ProgressLine("inspecting")
 
