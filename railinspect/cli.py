@@ -76,6 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_anomalies(commands)
     _add_evaluate(commands)
     _add_ranging(commands)
+    _add_fleet_results(commands)
     _add_verify(commands)
     return parser
 
@@ -324,6 +325,12 @@ def _add_ranging(commands: Any) -> None:
     from railinspect.ranging_commands import add_ranging
 
     add_ranging(commands, _command)
+
+
+def _add_fleet_results(commands: Any) -> None:
+    from railinspect.fleet.results_commands import add_fleet_results
+
+    add_fleet_results(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

@@ -17,7 +17,7 @@ from railinspect.errors import BadInputError
 MAX_BYTES: Final = 1 << 30
 """Larger files are refused."""
 
-MAX_ELEMENT_CHARS: Final = 64_000_000
+MAX_ELEMENT_CHARS: Final = 32_000_000
 """Text and attributes that one element may hold."""
 
 MAX_DEPTH: Final = 64
@@ -77,7 +77,7 @@ class _Wanted:
     def _count(self, chars: int) -> None:
         self._chars += chars
         if self._chars > MAX_ELEMENT_CHARS:
-            raise _RefusedError("has an element of more than 64 million characters")
+            raise _RefusedError("has an element of more than 32 million characters")
 
 
 def _local(tag: str) -> str:

@@ -94,7 +94,7 @@ def _encoded(frames: Iterator[av.VideoFrame]) -> bytes | None:
         return None
     width = min(WIDTH_PX, first.width) // 2 * 2
     height = max(round(first.height * width / first.width / 2) * 2, 2)
-    with av.open(file, "w", format="mp4", options={"movflags": "faststart"}) as out:
+    with av.open(file, "w", format="mp4") as out:
         stream = out.add_stream("libx264", rate=Fraction(RATE_HZ).limit_denominator(100))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.codec_context.thread_count = 1

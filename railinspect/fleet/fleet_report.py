@@ -10,10 +10,11 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from railinspect.fleet import dataset
 from railinspect.fleet.budget import Budget, Rate, rate, read_budget
 from railinspect.fleet.clips import clip_of, top_events
 from railinspect.fleet.drift import Drift, drift_of
-from railinspect.fleet.finished import FinishedInput
+from railinspect.fleet.finished import FinishedInput, finished_inputs
 from railinspect.fleet.geojson import write_geojson
 from railinspect.fleet.published import publish
 from railinspect.fleet.totals import RANGES_M, Exposure, Totals, events_of, totals_of
@@ -41,12 +42,16 @@ _QUANTITIES: Final = {
 def write(run_folder: str | Path) -> None:
     """Write ``events.geojson`` (where places are known) and ``report.html`` from the data set.
 
+    Finished inputs that are not in the data set yet are added first: nothing finished is left out.
     The page has no wall-clock time: written again from the same results it is the same.
 
     Raises:
         BadInputError: if the folder holds no fleet run.
     """
     run = Path(run_folder)
+    for one in finished_inputs(run):
+        if not all(path.exists() for path in dataset.table_paths(run, one.counts.id)):
+            dataset.add(one.folder, run)
     located = write_geojson(run)
     totals = totals_of(run)
     events = list(events_of(run, totals))

@@ -17,6 +17,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -32,7 +33,7 @@ from railinspect.positions import Fixes, PositionLog, read_fixes
 
 COLUMNS: Final = ("input", "line", "vehicle", "started", "positions")
 
-MAX_LOGBOOK_BYTES: Final = 64 << 20
+MAX_LOGBOOK_BYTES: Final = 16 << 20
 """Larger logbooks are refused."""
 
 _ID: Final = re.compile(r"[0-9A-Za-z_-]{1,64}")
@@ -137,11 +138,11 @@ def _write(entry: Entry, input_id: str, run_folder: Path) -> None:
         part.write_text(json.dumps(data, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _rows(logbook: Path) -> list[tuple[int, dict[str, str]]]:
+def _rows(logbook: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Line numbers and cells; columns that are missing are empty."""
     try:
         if logbook.stat().st_size > MAX_LOGBOOK_BYTES:
-            raise BadInputError(f"logbook {logbook} is larger than 64 MiB; it is no list of inputs")
+            raise BadInputError(f"logbook {logbook} is larger than 16 MiB; it is no list of inputs")
         text = logbook.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInputError(f"cannot read logbook {logbook}: {error}") from error
@@ -153,14 +154,11 @@ def _rows(logbook: Path) -> list[tuple[int, dict[str, str]]]:
         said = f"unknown columns {sorted(unknown)}" if "input" in names else "no column input"
         raise BadInputError(f"logbook {logbook} has {said}; known are {', '.join(COLUMNS)}")
     reader.fieldnames = names
-    rows = []
     try:
         for row in reader:
-            cells = {name: str(row.get(name) or "").strip() for name in COLUMNS}
-            rows.append((reader.line_num, cells))
+            yield reader.line_num, {n: str(row.get(n) or "").strip() for n in COLUMNS}
     except csv.Error as error:
         raise BadInputError(f"logbook {logbook}, line {reader.line_num}: {error}") from error
-    return rows
 
 
 def _input_of(text: str, inputs: tuple[FinishedInput, ...], where: str) -> FinishedInput:

@@ -78,12 +78,16 @@ class Totals:
 
 
 def totals_of(run_folder: str | Path) -> Totals:
-    """Add up a run; no more than one input's columns are held at a time."""
+    """Add up a run whose inputs are all in its data set.
+
+    No more than one input's columns are held at a time.
+
+    Raises:
+        FileNotFoundError: if a finished input is not in the data set.
+    """
     run, totals = Path(run_folder), Totals()
     for one in finished_inputs(run):
         frames, events = table_paths(run, one.counts.id)
-        if not frames.exists() or not events.exists():
-            continue
         totals.inputs.append(one)
         entry = read_entry(one.counts.id, run)
         table = pq.read_table(frames, columns=_COLUMNS, partitioning=None)
