@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import struct
 from datetime import UTC, datetime, timedelta
@@ -417,3 +418,32 @@ def test_the_part_of_a_log_within_a_recording():
         PositionLog.within(fixes, NOON.timestamp() + 3600.0, 0.0, 50.0)
     with pytest.raises(BadInputError, match=r"fix 2: its time does not come after"):
         PositionLog("a log", [0, 0], [1, 2], [3, 4])
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    """One sound log of each kind, as bytes."""
+    base = tmp_path_factory.mktemp("sound")
+    rows = [nav_sat_fix(t, 50.0, 8.0) for t in range(20)]
+    files = {
+        kind: write_fixes(base / f"{kind}.mcap", rows, compression=compression).read_bytes()
+        for kind, compression in (("lz4.mcap", CompressionType.LZ4), ("mcap", CompressionType.NONE))
+    }
+    point = '<trkpt lat="50" lon="8"><time>2026-05-01T12:00:00Z</time></trkpt>'
+    files["gpx"] = f"<gpx><trk><trkseg>{point * 5}</trkseg></trk></gpx>".encode()
+    files["nmea"] = (rmc() * 5).encode()
+    return files
+
+
+@pytest.mark.parametrize("kind", ["lz4.mcap", "mcap", "gpx", "nmea"])
+@given(damage=st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), max_size=8))
+def test_a_damaged_log_is_read_or_refused(sound, tmp_path_factory, kind, damage):
+    data = bytearray(sound[kind])
+    for share, byte in damage:
+        data[int(share * len(data))] = byte
+    path = tmp_path_factory.getbasetemp() / f"damaged.{kind}"
+    path.write_bytes(bytes(data))
+    with contextlib.suppress(BadInputError):  # any other error fails the test
+        fixes = read_fixes(path)
+        assert (np.abs(fixes.latitude_deg) <= 90).all()
+        assert (np.abs(fixes.longitude_deg) <= 180).all()

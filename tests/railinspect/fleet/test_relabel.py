@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from dataclasses import dataclass
@@ -356,3 +357,20 @@ def test_a_recording_that_ends_early_gives_what_it_has(run, tmp_path):
         "no frame at 0.55 s",
         "the recording ends before it",
     ]
+
+
+@pytest.mark.parametrize("name", ["coco.json", "cvat.xml"])
+@given(damage=st.lists(st.tuples(st.floats(0, 0.999), st.integers(0, 255)), min_size=1, max_size=6))
+def test_a_damaged_file_of_labels_is_read_or_refused(tmp_path_factory, name, damage):
+    path = tmp_path_factory.getbasetemp() / f"damaged-{name}"
+    mask = np.full((36, 40), SKY, np.uint8)
+    mask[10:20, 5:30] = HUMAN
+    write, read = (write_coco, read_coco) if name == "coco.json" else (write_cvat, read_cvat)
+    write(path, [Labelled("a.jpg", mask)])
+    data = bytearray(path.read_bytes())
+    for share, byte in damage:
+        data[int(share * len(data))] = byte
+    path.write_bytes(bytes(data))
+    with contextlib.suppress(BadInputError):  # any other error fails the test
+        for one in read(path):
+            assert one.mask.dtype == np.uint8

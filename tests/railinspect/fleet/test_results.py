@@ -11,18 +11,25 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from railinspect.batch import InspectSettings
 from railinspect.cli import main
 from railinspect.errors import BadInputError
 from railinspect.fleet import dataset, fleet_report
 from railinspect.fleet.budget import Budget, rate, read_budget
+from railinspect.fleet.chosen import Choice, choose
 from railinspect.fleet.clips import clip_of, top_events
+from railinspect.fleet.coco import read_coco
 from railinspect.fleet.drift import blocks_of, drift_of
 from railinspect.fleet.finished import FinishedInput, finished_inputs
 from railinspect.fleet.logbook import enter_logbook
+from railinspect.fleet.relabel import export_frames
+from railinspect.fleet.run import inspect_fleet
 from railinspect.fleet.totals import totals_of
 from railinspect.fleet.view import view_of
+from railinspect.labels import HUMAN
+from railops.braking import Train
 from tests.railinspect.fleet import made_run as made
-from tests.railinspect.painted_ride import paint, write_video
+from tests.railinspect.painted_ride import CAMERA, SPEED_MPS, paint, read_paint, ride, write_video
 
 
 @pytest.fixture(scope="module")
@@ -306,6 +313,30 @@ def test_a_clip_shows_the_moment_of_confirmation(tmp_path):
     assert clip_of(made.event(1, 2.8), one) is None
     video.unlink()
     assert clip_of(made.event(1, 2.8), one) is None
+
+
+def test_what_the_engine_writes_can_be_used(tmp_path):
+    for name in ("one", "two"):
+        write_video(tmp_path / f"{name}.mp4", ride([40.0 if name == "one" else 30.0], 32))
+    run = tmp_path / "run"
+    settings = InspectSettings(camera=CAMERA, train=Train(speed_mps=SPEED_MPS))
+    inputs = [str(tmp_path / f"{name}.mp4") for name in ("one", "two")]
+    inspect_fleet(inputs, run, lambda: read_paint, settings, engine="serial")
+    assert main(["fleet", "report", str(run), "--json"]) == 0
+    tables = [events_of(run, one.counts.id) for one in finished_inputs(run)]
+    assert sorted(event["type"] for rows in tables for event in rows) == ["trespasser"] * 2
+    totals = totals_of(run)
+    assert totals.all.total_s == pytest.approx(2 * 32 / 12.5)
+    assert totals.all.way_m == pytest.approx(SPEED_MPS * totals.all.known_s)
+    page = (run / "report.html").read_text()
+    assert page.count("<video") == 2
+    assert str(tmp_path) not in page
+    chosen = choose(run, Choice(events=2, unknown=0))
+    done = export_frames(run, chosen, tmp_path / "out", read_paint)
+    assert (done.pictures, done.missing) == (2, ())
+    # What is seen best is on the picture that is exported.
+    for one in read_coco(tmp_path / "out" / "coco.json"):
+        assert (one.mask == HUMAN).sum() > 200
 
 
 # Bounds of a Poisson mean at 95 %: 0 → (0, 3.688879), 1 → (0.025318, 5.571643),
