@@ -371,6 +371,14 @@ def test_places_along_the_way():
     assert log.way_m(-5.0, 50.0) == pytest.approx((200.0, 10.0))
 
 
+def test_the_antimeridian_is_no_obstacle():
+    log = PositionLog(
+        "a log", [0.0, 1.0], [0.0, 0.0], [180 - 10 * METRE_DEG, -180 + 10 * METRE_DEG]
+    )
+    assert log.way_m(0.0, 1.0) == pytest.approx((20.0, 1.0))
+    assert log.ahead(0.25, 10.0).longitude_deg == pytest.approx(-180 + 5 * METRE_DEG, abs=2e-9)
+
+
 def test_ahead_follows_the_curve_the_train_took():
     angle = np.linspace(0.0, math.pi / 2, 500)
     north, east = 300 * np.sin(angle), 300 * (1 - np.cos(angle))

@@ -256,6 +256,7 @@ BIG = '<mask label="sky" rle="0,9" left="0" top="0" width="3" height="{}"/>'
         (coco([[0, 0, 9, 0, 9, 9]], category=12), ".json", "'zebra' is none of"),
         (coco([[0, 0, 9, 0, 9, 9]], category=13), ".json", "an annotation holds 13"),
         (coco({"size": [36, 40], "counts": [10**15]}), ".json", "do not fit 1440 pixels"),
+        (coco({"size": [36, 40], "counts": [1000, 1000]}), ".json", "do not fit 1440 pixels"),
         (coco({"size": [36, 40], "counts": [-5, 5]}), ".json", "do not fit 1440 pixels"),
         (coco({"size": [9, 9], "counts": [5]}), ".json", "a mask of size"),
         (coco({"size": [36, 40], "counts": "oooooooooooo"}), ".json", "as COCO packs them"),

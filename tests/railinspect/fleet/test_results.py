@@ -411,6 +411,15 @@ def test_a_camera_that_tilts_drifts_and_one_that_shakes_does_not():
     assert {one.quantity: one.drifts for one in drift_of(lower)}["spacing_per_row"]
 
 
+def test_a_crest_far_ahead_moves_the_horizon_little():
+    rails = made.rails()
+    for line in rails.values():
+        for index in range(15):  # of 40 points, those beyond 23 m lie up to 3 px higher
+            line[index][1] -= 0.2 * (15 - index)
+    view = view_of({"followed": True, "rails": rails})
+    assert view.horizon_v_px == pytest.approx(made.CAMERA.horizon_v(), abs=0.5)
+
+
 def test_five_minutes_are_needed_to_speak_of_drift():
     rng = np.random.default_rng(5)
     assert all(one.drifts is None for one in drift_of(minutes(lambda _: made.CAMERA, rng, 4)))
