@@ -103,6 +103,9 @@ def test_an_events_place_is_its_range_further_along(base):
 def test_adding_an_input_again_changes_nothing(own):
     run = own / "run"
     before = everything(run)
+    frames, events = dataset.table_paths(run, made.FIRST)
+    for path in (frames, events, run / "report.html"):  # what a killed process leaves
+        path.with_name(f".{path.name}.4711.part").write_bytes(b"half a fi")
     for one in finished_inputs(run):
         dataset.add(one.folder, run)
     fleet_report.write(run)
