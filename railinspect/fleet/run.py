@@ -149,6 +149,8 @@ def inspect_fleet(
         FleetError: if the run cannot go on.
     """
     began_s = time.monotonic()
+    if workers is not None and workers < 1:
+        raise BadInputError(f"workers is {workers}; give at least 1")
     settings, cut = settings or InspectSettings(), cut or Cut()
     folder = FleetFolder(out)
     addresses = expand(inputs, folder.path)
@@ -168,8 +170,6 @@ def inspect_fleet(
 def _crew(engine: str, setup: Setup, workers: int | None, address: str | None) -> Crew:
     from railinspect._threads import usable_cores
 
-    if workers is not None and workers < 1:
-        raise BadInputError(f"workers is {workers}; give at least 1")
     if engine == "serial":
         return Alone(setup)
     if engine == "processes":
