@@ -208,6 +208,7 @@ class _Driver:
         """Do everything that is to be done; the state is written, whatever happens."""
         try:
             work(crew, self._next_survey(), self._follow)
+            self._folder.tidy()
         finally:
             self._save()
 
