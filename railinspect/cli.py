@@ -76,6 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_anomalies(commands)
     _add_evaluate(commands)
     _add_ranging(commands)
+    _add_fleet_results(commands)
     _add_verify(commands)
     return parser
 
@@ -174,8 +175,8 @@ def _add_inspect(commands: Any) -> None:
         "--speed",
         metavar="V|FILE",
         help="the train's speed, m/s, or with its unit (20m/s, 72km/h), or a file of speeds over "
-        "time (.csv, .gpx); sizes the advice and helps following objects (default: that of "
-        f"--train, else unknown, and the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
+        "time (.csv, .gpx, .nmea, .mcap); sizes the advice and helps following objects (default: "
+        f"that of --train, else unknown, and the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
     )
     speed.add_argument(
         "--speed-kmh", type=float, metavar="V", help="the same as --speed Vkm/h, km/h"
@@ -240,7 +241,8 @@ def _run_inspect(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> tuple[Train, SpeedLog | None, bool]:
     """The train, its speed log if there is one, and whether its speed is known at all."""
-    from railinspect.speed_files import clock_time, constant_speed_mps, read_speed_log
+    from railinspect.clock import clock_time
+    from railinspect.speed_files import constant_speed_mps, read_speed_log
     from railops.braking import Train
     from railops.files import read_mapping
 
@@ -323,6 +325,12 @@ def _add_ranging(commands: Any) -> None:
     from railinspect.ranging_commands import add_ranging
 
     add_ranging(commands, _command)
+
+
+def _add_fleet_results(commands: Any) -> None:
+    from railinspect.fleet.results_commands import add_fleet_results
+
+    add_fleet_results(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:
