@@ -122,7 +122,7 @@ def _place_events(plan: Plan, parts: list[_Part], stretch: int, events: list[_Ev
     start_s, end_s = plan.span_s(stretch)
     before = parts[stretch - 1] if stretch else None
     same = _recognised(part, before) if before else {}
-    in_sight = _in_own_frames(part) if before else {}
+    seen_s = _seen_s(part) if before else {}
     for own_id in sorted(part.events):
         row = part.events[own_id]
         if before and own_id in same:
@@ -130,10 +130,11 @@ def _place_events(plan: Plan, parts: list[_Part], stretch: int, events: list[_Ev
             if known is not None:
                 part.ids[own_id] = known
                 if same[own_id] in before.summary["unended"]:
-                    _continue(events[known], row, part.offset, in_sight.get(own_id, ()))
+                    _continue(events[known], row, part.offset, seen_s.get(own_id, set()))
                 continue
         confirmed_s = row["confirmed_time_s"]
-        if confirmed_s >= end_s or (confirmed_s < start_s and not in_sight.get(own_id)):
+        own = any(start_s <= time_s < end_s for time_s in seen_s.get(own_id, ()))
+        if confirmed_s >= end_s or (confirmed_s < start_s and not own):
             continue
         part.ids[own_id] = len(events)
         picture = part.folder / row["thumbnail"] if row["thumbnail"] else None
@@ -153,12 +154,11 @@ def _recognised(part: _Part, before: _Part) -> dict[int, int]:
     return {own_id: min(c, key=lambda i: (-c[i], i)) for own_id, c in votes.items()}
 
 
-def _in_own_frames(part: _Part) -> dict[int, list[float]]:
-    """When each event was seen in the stretch's own frames."""
-    times: dict[int, list[float]] = {}
-    for row in part.frames():
-        for event_id in {found["event_id"] for found in row["findings"]} - {None}:
-            times.setdefault(event_id, []).append(row["time_s"])
+def _seen_s(part: _Part) -> dict[int, set[float]]:
+    """When each event was seen, as a finding of its own, media seconds."""
+    times: dict[int, set[float]] = {}
+    for time_s, found in part.sightings():
+        times.setdefault(found["event_id"], set()).add(time_s)
     return times
 
 
@@ -167,12 +167,12 @@ def _box(found: Row) -> Box:
     return left, top, right, bottom
 
 
-def _continue(event: _Event, row: Row, offset: int, in_sight: Sequence[float]) -> None:
+def _continue(event: _Event, row: Row, offset: int, seen_s: set[float]) -> None:
     """Add to an event what a later stretch saw of it after the earlier one had to stop."""
     known = event.row
     if row["last_time_s"] <= known["last_time_s"]:
         return
-    known["frames_seen"] += sum(time_s > known["last_time_s"] for time_s in in_sight)
+    known["frames_seen"] += sum(time_s > known["last_time_s"] for time_s in seen_s)
     known["last_time_s"], known["last_frame"] = row["last_time_s"], row["last_frame"] + offset
     nearer = known["closest_range_m"], row["closest_range_m"]
     if nearer[1] is not None and (nearer[0] is None or nearer[1] < nearer[0]):

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 
 from railinspect.batch import InspectSettings, Progress
 from railinspect.errors import BadInputError, OutputError
+from railinspect.fleet import fleet_report
 from railinspect.fleet.finished import FinishedInput
 from railinspect.fleet.folder import FleetFolder
 from railinspect.fleet.inputs import expand, printable, short_name
@@ -104,7 +105,9 @@ class FleetSummary:
             "problems": [{k: one[k] for k in ("address", "state", "reason")} for one in self.bad],
             "paths": {
                 "run": str(self.folder),
+                "report": str(self.folder / "report.html"),
                 "state": str(self.folder / "fleet.json"),
+                "dataset": str(self.folder / "dataset"),
                 "inputs": str(self.folder / "inputs"),
             },
         }
@@ -164,6 +167,7 @@ def inspect_fleet(
         driver = _Driver(folder, addresses, setup, progress)
         with closing(_crew(engine, setup, workers, address)) as crew:
             driver.run(crew)
+        fleet_report.write(folder.path)
         return driver.summary(time.monotonic() - began_s)
 
 

@@ -68,7 +68,7 @@ def test_names_mean_nothing_but_themselves(tree, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("empty", "names no recording"),
+        ("empty", "holds no image and no video"),
         ("*.nothing", "names no recording"),
         ("none.csv", "cannot read the list"),
         ("bad.csv", "has the columns line, km"),

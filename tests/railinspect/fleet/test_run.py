@@ -90,7 +90,7 @@ def test_a_finished_input_says_all_of_it(undisturbed):
 def test_a_run_killed_at_random_moments_ends_as_if_undisturbed(rides, undisturbed, tmp_path):
     """Workers and drivers die by SIGKILL; the same command goes on. Two processes, not one."""
     dice = random.Random(6)
-    kills, killed, outs = 20 if LONG else 2, 0, [tmp_path / "run-0"]
+    kills, killed, outs = 20 if LONG else 2, 0, [tmp_path / "0" / "run"]
     while killed < kills:
         driver = subprocess.Popen(command(rides, outs[-1], "processes", 2), cwd=ROOT)
         while driver.poll() is None and killed < kills:
@@ -104,7 +104,7 @@ def test_a_run_killed_at_random_moments_ends_as_if_undisturbed(rides, undisturbe
                 killed += 1
         driver.wait(timeout=300)
         if driver.returncode == 0:  # it was done before the dice fell
-            outs.append(tmp_path / f"run-{len(outs)}")
+            outs.append(tmp_path / str(len(outs)) / "run")
     for out in outs:
         subprocess.run(command(rides, out, "processes", 2), cwd=ROOT, check=True, timeout=600)
         assert results(out) == results(undisturbed)
