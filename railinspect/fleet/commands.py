@@ -109,7 +109,8 @@ def run_fleet(options: argparse.Namespace, settings: Any) -> int:
             print(f"{one['state']:<5} {one['address']}: {one['reason']}")
         if len(summary.bad) > 20:
             print(f"… and {len(summary.bad) - 20} more, see {document['paths']['state']}")
-        print(f"state    {document['paths']['state']}\ninputs   {document['paths']['inputs']}")
+        for name in ("report", "state", "dataset", "inputs"):
+            print(f"{name:<8} {document['paths'][name]}")
     return FAILED_CHECK if summary.bad else DONE
 
 

@@ -31,6 +31,7 @@ class FleetFolder:
         self.path = Path(os.path.abspath(path))  # noqa: PTH100  # workers have other folders
         self.state = self.path / "fleet.json"
         self.tmp = self.path / "tmp"
+        self.part_folder = self.path / "parts"
 
     @contextlib.contextmanager
     def claim(self) -> Iterator[None]:
@@ -74,11 +75,18 @@ class FleetFolder:
 
     def part(self, plan: Plan, stretch: int) -> Path:
         """The folder of an inspected stretch."""
-        return self.path / "parts" / f"{plan.id}-{stretch:05d}"
+        return self.part_folder / f"{plan.id}-{stretch:05d}"
 
     def fetched(self, plan_id: str, suffix: str) -> Path:
         """The local copy of a remote input, with one of the endings this package knows, or none."""
         return self.path / "fetched" / f"{plan_id}{suffix}"
+
+    def tidy(self) -> None:
+        """Delete what killed runs and inputs of equal content left behind; nobody is at work."""
+        for part in self.part_folder.glob("*-*"):
+            if self.input(part.name.rsplit("-", 1)[0]).exists():
+                remove(part)
+        remove(self.path / "fetched")
 
     def plan(self, address: str) -> Plan | None:
         """What an earlier survey found, if there was one."""

@@ -61,14 +61,16 @@ def expand(inputs: Sequence[str], apart_from: Path | None = None) -> tuple[str, 
     """
     found: set[str] = set()
     for text in inputs:
-        before = len(found)
         named = list(_expanded(text, apart_from))
         found.update(named)
-        if not named and len(found) == before:
+        if named:
+            continue
+        if Path(text).is_dir():
             raise BadInputError(
-                f"input {printable(text)} names no recording; a folder holds videos "
-                f"({', '.join(VIDEO_SUFFIXES[:4])}, …) or images, a pattern matches files"
+                f"folder {printable(text)} holds no image and no video "
+                f"({', '.join(VIDEO_SUFFIXES[:4])}, …) at any depth; give the one recordings are in"
             )
+        raise BadInputError(f"input {printable(text)} names no recording; check what it matches")
     return tuple(sorted(found, key=os.fsencode))
 
 

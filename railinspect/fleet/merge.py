@@ -1,11 +1,11 @@
 """Putting the stretches of an input together, so that no event is lost or doubled at a seam.
 
 An event belongs to the stretch within which it was confirmed. The stretch after it sees the same
-event, confirmed in its lead-in; both inspected the frames between the seam and the event's end, so
-it is recognised there by its box. What a stretch confirmed in its lead-in and the stretch before
-did not is kept if it is still seen in the stretch's own frames: rather an event that the whole
-recording would not have than one less. An event that outlasts the run-on is continued by what the
-next stretch saw of it.
+event, confirmed in its lead-in; both inspected the frames from that lead-in's beginning to the end
+of the first one's run-on, so it is recognised there by its box. What a stretch confirmed in its
+lead-in and the stretch before did not is kept if it is still seen in the stretch's own frames:
+rather an event that the whole recording would not have than one less. An event that outlasts the
+run-on is continued by what the next stretch saw of it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -58,9 +59,12 @@ class _Part:
     def frames(self) -> Iterator[Row]:
         return read_json_lines(self.folder / "frames.jsonl")
 
-    def run_on(self) -> dict[float, list[Row]]:
-        rows = read_json_lines(self.folder / "run_on.jsonl")
-        return {row["time_s"]: row["findings"] for row in rows}
+    def sightings(self) -> Iterator[tuple[float, Row]]:
+        """The time and each finding of an event, in the stretch's own frames and the overlap."""
+        for row in chain(read_json_lines(self.folder / "overlap.jsonl"), self.frames()):
+            for found in row["findings"]:
+                if found["event_id"] is not None:
+                    yield row["time_s"], found
 
 
 @dataclass
@@ -117,41 +121,45 @@ def _place_events(plan: Plan, parts: list[_Part], stretch: int, events: list[_Ev
     part = parts[stretch]
     start_s, end_s = plan.span_s(stretch)
     before = parts[stretch - 1] if stretch else None
-    same, in_sight = _recognised(part, before)
+    same = _recognised(part, before) if before else {}
+    seen_s = _seen_s(part) if before else {}
     for own_id in sorted(part.events):
         row = part.events[own_id]
-        if own_id in same and before is not None:
+        if before and own_id in same:
             known = before.ids.get(same[own_id])
             if known is not None:
                 part.ids[own_id] = known
-                _continue(events[known], row, part.offset, in_sight[own_id], before)
+                if same[own_id] in before.summary["unended"]:
+                    _continue(events[known], row, part.offset, seen_s.get(own_id, set()))
                 continue
         confirmed_s = row["confirmed_time_s"]
-        if confirmed_s >= end_s or (confirmed_s < start_s and not in_sight.get(own_id)):
+        own = any(start_s <= time_s < end_s for time_s in seen_s.get(own_id, ()))
+        if confirmed_s >= end_s or (confirmed_s < start_s and not own):
             continue
         part.ids[own_id] = len(events)
         picture = part.folder / row["thumbnail"] if row["thumbnail"] else None
         events.append(_Event(dict(row), picture, stretch))
 
 
-def _recognised(part: _Part, before: _Part | None) -> tuple[dict[int, int], dict[int, list[float]]]:
-    """The former stretch's id of each event both saw, and when each was seen in own frames."""
+def _recognised(part: _Part, before: _Part) -> dict[int, int]:
+    """The former stretch's id of each event that both saw."""
+    here: dict[float, list[Row]] = {}
+    for time_s, found in part.sightings():
+        here.setdefault(time_s, []).append(found)
     votes: dict[int, Counter[int]] = {}
-    in_sight: dict[int, list[float]] = {}
-    if before is None:
-        return {}, in_sight
-    there = before.run_on()
-    for row in part.frames():
-        for found in row["findings"]:
-            own_id = found["event_id"]
-            if own_id is None:
-                continue
-            in_sight.setdefault(own_id, []).append(row["time_s"])
-            for other in there.get(row["time_s"], ()):
-                if iou(_box(found), _box(other)) >= SAME_BOX:
-                    votes.setdefault(own_id, Counter())[other["event_id"]] += 1
-    same = {own_id: min(c, key=lambda i: (-c[i], i)) for own_id, c in votes.items()}
-    return same, in_sight
+    for time_s, found in before.sightings():
+        for own in here.get(time_s, ()):
+            if iou(_box(own), _box(found)) >= SAME_BOX:
+                votes.setdefault(own["event_id"], Counter())[found["event_id"]] += 1
+    return {own_id: min(c, key=lambda i: (-c[i], i)) for own_id, c in votes.items()}
+
+
+def _seen_s(part: _Part) -> dict[int, set[float]]:
+    """When each event was seen, as a finding of its own, media seconds."""
+    times: dict[int, set[float]] = {}
+    for time_s, found in part.sightings():
+        times.setdefault(found["event_id"], set()).add(time_s)
+    return times
 
 
 def _box(found: Row) -> Box:
@@ -159,14 +167,12 @@ def _box(found: Row) -> Box:
     return left, top, right, bottom
 
 
-def _continue(
-    event: _Event, row: Row, offset: int, in_sight: Sequence[float], before: _Part
-) -> None:
+def _continue(event: _Event, row: Row, offset: int, seen_s: set[float]) -> None:
     """Add to an event what a later stretch saw of it after the earlier one had to stop."""
     known = event.row
     if row["last_time_s"] <= known["last_time_s"]:
         return
-    known["frames_seen"] += len({time_s for time_s in in_sight if time_s > known["last_time_s"]})
+    known["frames_seen"] += sum(time_s > known["last_time_s"] for time_s in seen_s)
     known["last_time_s"], known["last_frame"] = row["last_time_s"], row["last_frame"] + offset
     nearer = known["closest_range_m"], row["closest_range_m"]
     if nearer[1] is not None and (nearer[0] is None or nearer[1] < nearer[0]):

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 
 from railinspect.batch import InspectSettings, Progress
 from railinspect.errors import BadInputError, OutputError
+from railinspect.fleet import fleet_report
 from railinspect.fleet.finished import FinishedInput
 from railinspect.fleet.folder import FleetFolder
 from railinspect.fleet.inputs import expand, printable, short_name
@@ -104,7 +105,9 @@ class FleetSummary:
             "problems": [{k: one[k] for k in ("address", "state", "reason")} for one in self.bad],
             "paths": {
                 "run": str(self.folder),
+                "report": str(self.folder / "report.html"),
                 "state": str(self.folder / "fleet.json"),
+                "dataset": str(self.folder / "dataset"),
                 "inputs": str(self.folder / "inputs"),
             },
         }
@@ -149,6 +152,8 @@ def inspect_fleet(
         FleetError: if the run cannot go on.
     """
     began_s = time.monotonic()
+    if workers is not None and workers < 1:
+        raise BadInputError(f"workers is {workers}; give at least 1")
     settings, cut = settings or InspectSettings(), cut or Cut()
     folder = FleetFolder(out)
     addresses = expand(inputs, folder.path)
@@ -162,14 +167,13 @@ def inspect_fleet(
         driver = _Driver(folder, addresses, setup, progress)
         with closing(_crew(engine, setup, workers, address)) as crew:
             driver.run(crew)
+        fleet_report.write(folder.path)
         return driver.summary(time.monotonic() - began_s)
 
 
 def _crew(engine: str, setup: Setup, workers: int | None, address: str | None) -> Crew:
     from railinspect._threads import usable_cores
 
-    if workers is not None and workers < 1:
-        raise BadInputError(f"workers is {workers}; give at least 1")
     if engine == "serial":
         return Alone(setup)
     if engine == "processes":
@@ -208,6 +212,7 @@ class _Driver:
         """Do everything that is to be done; the state is written, whatever happens."""
         try:
             work(crew, self._next_survey(), self._follow)
+            self._folder.tidy()
         finally:
             self._save()
 

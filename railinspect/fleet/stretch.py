@@ -2,8 +2,9 @@
 
 The stretch's own frames are written. Before them the inspection runs through a lead-in, so that
 what it carries from frame to frame has become what it is in the whole recording; after them it
-runs on while an event is in sight, so that the event is complete. What the run-on sees is kept
-apart: by it the next stretch's events are recognised (:mod:`railinspect.fleet.merge`).
+runs on while an event is in sight, so that the event is complete. What is seen in lead-in and
+run-on is kept apart: by it the events of neighbouring stretches are recognised as the same
+(:mod:`railinspect.fleet.merge`).
 """
 
 from __future__ import annotations
@@ -71,13 +72,14 @@ def inspect_stretch(
 
         summary = InputSummary.of(source, "")
         results = InputResults(summary, lines("frames.jsonl"), lines("events.jsonl"), place)
-        first_index = _run(frames, inspector, stretch, results, lines("run_on.jsonl"))
+        first_index, unended = _run(frames, inspector, stretch, results, lines("overlap.jsonl"))
         results.add_events(inspector.finish())
     start_s, end_s = stretch.span_s
     summary.breaks = [one for one in source.breaks if start_s <= one.time_s < end_s]
     listed = len(source.breaks) == source.break_count
     summary.break_count = len(summary.breaks) if listed else source.break_count
-    document = {**asdict(summary), "path": "", "first_index": first_index}
+    extra = {"path": "", "first_index": first_index, "unended": sorted(unended)}
+    document = {**asdict(summary), **extra}
     write_json(folder / PART, document)
     return summary.frames
 
@@ -115,9 +117,14 @@ def _run(
     inspector: Inspector,
     stretch: Stretch,
     results: InputResults,
-    run_on: JsonLines,
-) -> int | None:
-    """Feed the frames; returns the index of the first own one, None if there is none."""
+    overlap: JsonLines,
+) -> tuple[int | None, set[int]]:
+    """Feed the frames.
+
+    Returns:
+        The index of the first own frame, None if there is none, and the ids of the events that
+        had not ended when the run-on did.
+    """
     start_s, end_s = stretch.span_s
     first_index: int | None = None
     open_events: set[int] = set()
@@ -127,24 +134,22 @@ def _run(
         ):
             break
         record = inspector.feed(frame)
+        live = inspector.live_ids
+        open_events = set(live) if frame.time_s < end_s else open_events.intersection(live)
         if start_s <= frame.time_s < end_s:
             first_index = frame.index if first_index is None else first_index
             results.add_frame(record)
-            open_events = set(inspector.live_ids)
-        elif frame.time_s >= end_s:
-            open_events.intersection_update(inspector.live_ids)
-            if sightings := seen(record):
-                run_on.write({"time_s": round(record.time_s, 6), "findings": sightings})
-        else:
-            open_events = set(inspector.live_ids)
+        elif sightings := _confirmed(record):
+            overlap.write({"time_s": round(record.time_s, 6), "findings": sightings})
         results.add_events(inspector.take_ended())
-    return first_index
+    return first_index, open_events
 
 
-def seen(record: FrameRecord) -> list[dict[str, Any]]:
-    """The confirmed findings of a frame: event id and box, as in ``frames.jsonl``."""
+def _confirmed(record: FrameRecord) -> list[dict[str, Any]]:
+    """The findings of a frame that belong to an event, as in ``frames.jsonl``."""
+    found = record.as_json()["findings"]
     return [
-        {"event_id": found["event_id"], "box_xyxy": found["box_xyxy"]}
-        for found in record.as_json()["findings"]
-        if found["event_id"] is not None
+        {"event_id": one["event_id"], "box_xyxy": one["box_xyxy"]}
+        for one in found
+        if one["event_id"] is not None
     ]

@@ -12,6 +12,7 @@ import cv2
 
 from railinspect.batch import InspectSettings
 from railinspect.errors import BadInputError, RailInspectError
+from railinspect.fleet import dataset
 from railinspect.fleet.folder import FleetFolder
 from railinspect.fleet.inputs import VIDEO_SUFFIXES, is_address, printable
 from railinspect.fleet.merge import merge
@@ -174,6 +175,7 @@ class Worker:
         made = scratch / plan.id
         made.mkdir()
         merge(plan, task.name, parts, made)
+        dataset.add(made, self._folder.path)  # before the folder that says the input is finished
         publish(made, self._folder.input(plan.id))
         for part in parts:
             remove(part)
