@@ -76,6 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_anomalies(commands)
     _add_evaluate(commands)
     _add_ranging(commands)
+    _add_fleet_results(commands)
     _add_verify(commands)
     return parser
 
@@ -144,13 +145,15 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 
 def _add_inspect(commands: Any) -> None:
+    from railinspect.fleet.commands import add_fleet_options
+
     parser = _command(
         commands,
         "inspect",
         "inspect videos, image folders or images and write a report",
         description="Inspect each input in turn (video file, folder of images, single image) and "
         "write a run folder: run.json, frames.jsonl, events.jsonl, events.parquet, "
-        "overlay/NAME.mp4 and report.html.",
+        "overlay/NAME.mp4 and report.html. Many recordings make a fleet run, see below.",
     )
     parser.add_argument("inputs", nargs="+", metavar="INPUT", type=Path)
     parser.add_argument("--out", type=Path, required=True, help="run folder to create")
@@ -172,8 +175,8 @@ def _add_inspect(commands: Any) -> None:
         "--speed",
         metavar="V|FILE",
         help="the train's speed, m/s, or with its unit (20m/s, 72km/h), or a file of speeds over "
-        "time (.csv, .gpx); sizes the advice and helps following objects (default: that of "
-        f"--train, else unknown, and the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
+        "time (.csv, .gpx, .nmea, .mcap); sizes the advice and helps following objects (default: "
+        f"that of --train, else unknown, and the advice assumes {ASSUMED_SPEED_KMH:.0f} km/h)",
     )
     speed.add_argument(
         "--speed-kmh", type=float, metavar="V", help="the same as --speed Vkm/h, km/h"
@@ -198,12 +201,14 @@ def _add_inspect(commands: Any) -> None:
         help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    add_fleet_options(parser)
     parser.set_defaults(run=_run_inspect)
 
 
 def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, Progress, inspect_inputs
     from railinspect.camera import Camera
+    from railinspect.fleet.commands import is_fleet_run, run_fleet
     from railinspect.progress import ProgressLine
 
     train, log, known = _train(options)
@@ -215,6 +220,8 @@ def _run_inspect(options: argparse.Namespace) -> int:
         folder_rate_hz=options.rate,
         overlay=not options.no_overlay,
     )
+    if is_fleet_run(options):
+        return run_fleet(options, settings)
     segmenter = _segmenter(options)
     line = ProgressLine("inspecting")
 
@@ -234,7 +241,8 @@ def _run_inspect(options: argparse.Namespace) -> int:
 
 def _train(options: argparse.Namespace) -> tuple[Train, SpeedLog | None, bool]:
     """The train, its speed log if there is one, and whether its speed is known at all."""
-    from railinspect.speed_files import clock_time, constant_speed_mps, read_speed_log
+    from railinspect.clock import clock_time
+    from railinspect.speed_files import constant_speed_mps, read_speed_log
     from railops.braking import Train
     from railops.files import read_mapping
 
@@ -317,6 +325,12 @@ def _add_ranging(commands: Any) -> None:
     from railinspect.ranging_commands import add_ranging
 
     add_ranging(commands, _command)
+
+
+def _add_fleet_results(commands: Any) -> None:
+    from railinspect.fleet.results_commands import add_fleet_results
+
+    add_fleet_results(commands, _command)
 
 
 def _add_verify(commands: Any) -> None:

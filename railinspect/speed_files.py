@@ -1,26 +1,28 @@
-"""Reading a speed: a number with its unit, a CSV log, or a GPX track."""
+"""Reading a speed: a number with its unit, a CSV log, a GPX, NMEA or MCAP log."""
 
 from __future__ import annotations
 
 import csv
 import math
 import re
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
-from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.clock import clock_time, finite, iso_utc
 from railinspect.errors import BadInputError
+from railinspect.positions import POSITION_SUFFIXES, Fixes, read_fixes
+from railinspect.positions.files import named_topic
+from railinspect.positions.fixes import steps_m
+from railinspect.positions.mcap_log import read_mcap_speeds
 from railinspect.speed_log import CHANGE_MPS2, SpeedLog
 from railops.traction import MAX_SPEED_MPS
 
 Array = npt.NDArray[np.float64]
-
-EARTH_RADIUS_M: Final = 6_371_008.8
 
 GPX_SPEED_ERROR_MPS: Final = 0.5
 """Largest error of a speed that a satellite receiver states itself (from the Doppler shift)."""
@@ -60,15 +62,16 @@ def constant_speed_mps(text: str) -> float | None:
 
 
 def read_speed_log(path: str | Path, started: datetime | None = None) -> SpeedLog:
-    """Read a CSV log or a GPX track.
+    """Read a CSV log, a GPX track, an NMEA log or an MCAP log.
 
     A CSV log has a header; of its columns are read ``time_s`` (media time, seconds), ``unix_s``
     (seconds since 1970) or ``time_utc`` (ISO 8601 with its zone); ``speed_mps`` or ``speed_kmh``;
     and, where present, the largest error ``error_mps`` or ``error_kmh``. Cells are separated by
     commas, semicolons or tabs.
 
-    A GPX track has points with times. Speeds it states are taken as they are; else they follow
-    from the way along the points within two seconds.
+    A GPX track has points with times, an NMEA log has RMC sentences. Speeds they state are taken
+    as they are; else they follow from the way along the points within two seconds. Of an MCAP log
+    the topic is read that states a velocity (``FILE::TOPIC`` where there are several).
 
     Args:
         path: The file.
@@ -81,63 +84,33 @@ def read_speed_log(path: str | Path, started: datetime | None = None) -> SpeedLo
     Raises:
         BadInputError: if the file cannot be read as what it should be; names the line or point.
     """
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix == ".mcap":
+    file, topic = named_topic(path)
+    suffix = file.suffix.lower()
+    if suffix not in (".csv", *POSITION_SUFFIXES):
         raise BadInputError(
-            f"speed log {path} is an MCAP log, which is not read yet; export its speed topic as CSV"
+            f"speed {path} is neither a speed (20, 20m/s, 72km/h) nor a .csv or "
+            f"{', '.join(POSITION_SUFFIXES)} file"
         )
-    if suffix not in (".csv", ".gpx"):
-        raise BadInputError(
-            f"speed {path} is neither a speed (20, 20m/s, 72km/h) nor a .csv or .gpx file"
-        )
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"cannot read speed log {path}: {error}") from error
-    source = path.name
+    source, what, clock = file.name, f"speed log {file.name}", True
     if suffix == ".csv":
+        try:
+            text = file.read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInputError(f"cannot read speed log {file}: {error}") from error
         clock, times, speeds, errors = _read_csv(text, source)
+    elif suffix == ".mcap":
+        times, speeds, errors = read_mcap_speeds(file, what, topic)
     else:
-        clock, (times, speeds, errors) = True, _read_gpx(text, source)
+        times, speeds, errors = _speeds_of_fixes(read_fixes(path, what))
     if clock and started is None:
         raise BadInputError(
             f"speed log {source} has clock times; say when the recording's time zero was with "
-            f"--started, for example --started {_iso(times[0])}"
+            f"--started, for example --started {iso_utc(times[0])}"
         )
     if started is not None and not clock:
         raise BadInputError(f"speed log {source} is in media time already; leave out --started")
     zero_s = started.timestamp() if started is not None else 0.0
     return SpeedLog(source, np.array(times) - zero_s, speeds, errors)
-
-
-def clock_time(text: str) -> datetime:
-    """A clock time in ISO 8601 with its zone.
-
-    Raises:
-        BadInputError: if it is none, or does not say its zone.
-
-    Example:
-        >>> clock_time("2026-05-01T12:00:00Z").timestamp()
-        1777636800.0
-    """
-    try:
-        time = datetime.fromisoformat(text.strip())
-    except ValueError:
-        time = None
-    if time is None or time.tzinfo is None:
-        raise BadInputError(
-            f"time {text!r} is no clock time with a zone; write it like 2026-05-01T12:00:00Z or "
-            "2026-05-01T14:00:00+02:00"
-        )
-    return time
-
-
-def _iso(unix_s: float) -> str:
-    try:
-        return datetime.fromtimestamp(unix_s, UTC).isoformat().replace("+00:00", "Z")
-    except (ValueError, OverflowError, OSError):
-        return "2026-05-01T12:00:00Z"
 
 
 Columns = tuple[list[float], list[float], list[float]]
@@ -162,11 +135,11 @@ def _read_csv(text: str, source: str) -> tuple[bool, list[float], list[float], l
     for row in rows:
         cell: str = when
         try:
-            at = clock_time(row[when]).timestamp() if when == "time_utc" else _finite(row[when])
+            at = clock_time(row[when]).timestamp() if when == "time_utc" else finite(row[when])
             cell = speed
-            value = _finite(row[speed]) * _SPEEDS[speed]
+            value = finite(row[speed]) * _SPEEDS[speed]
             cell = error or speed
-            spread = _finite(row[error]) * _ERRORS[error] if error else 0.0
+            spread = finite(row[error]) * _ERRORS[error] if error else 0.0
         except (ValueError, TypeError, AttributeError):
             what = "a time with its zone" if cell == "time_utc" else "a number"
             raise BadInputError(
@@ -178,59 +151,24 @@ def _read_csv(text: str, source: str) -> tuple[bool, list[float], list[float], l
     return when != "time_s", *columns
 
 
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(text)
-    return number
-
-
-def _read_gpx(text: str, source: str) -> Columns:
-    """Clock times, speeds and errors of a track's points."""
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise BadInputError(f"speed log {source} declares a document type; GPX files have none")
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise BadInputError(f"speed log {source} is not a GPX file: {error}") from error
-    times: list[float] = []
-    places: list[tuple[float, float]] = []
-    stated: list[float] = []
-    for number, point in enumerate(p for p in root.iter() if _tag(p) == "trkpt"):
-        values = {_tag(child): (child.text or "") for child in point.iter()}
-        try:
-            at = clock_time(values["time"]).timestamp()
-            place = (_finite(point.attrib["lat"]), _finite(point.attrib["lon"]))
-            speed = _finite(values["speed"]) if "speed" in values else math.nan
-        except (KeyError, ValueError):
-            raise BadInputError(
-                f"speed log {source}, track point {number + 1}: needs lat, lon and a time with its "
-                "zone, all of them readable"
-            ) from None
-        if times and (at, place) == (times[-1], places[-1]):
-            continue  # receivers repeat the last point at the turn of a segment
-        times.append(at)
-        places.append(place)
-        stated.append(speed)
+def _speeds_of_fixes(fixes: Fixes) -> Columns:
+    """Clock times, speeds and errors: as the receiver states them, else from the way."""
+    times, stated = fixes.unix_s.tolist(), fixes.speed_mps.tolist()
     if len(times) < 2:
-        raise BadInputError(f"speed log {source} has fewer than two track points with times")
+        raise BadInputError(f"{fixes.what} has fewer than two track points with times")
     if all(map(math.isfinite, stated)):
         return times, stated, [GPX_SPEED_ERROR_MPS] * len(times)
     for number, (before, after) in enumerate(pairwise(times), start=2):
         if after <= before:
             raise BadInputError(
-                f"speed log {source}, time {number}: {_iso(after)} does not come after the one "
+                f"{fixes.what}, time {number}: {iso_utc(after)} does not come after the one "
                 "before; sort the track"
             )
-    return times, *_speeds_along(np.array(times) - times[0], np.radians(places))
+    way_m = np.cumsum([0.0, *steps_m(fixes.latitude_deg, fixes.longitude_deg)])
+    return times, *_speeds_along(fixes.unix_s - times[0], way_m)
 
 
-def _tag(element: ElementTree.Element) -> str:
-    """An element's name without its namespace, which differs between versions of GPX."""
-    return element.tag.rpartition("}")[2].lower()
-
-
-def _speeds_along(time_s: Array, place_rad: Array) -> tuple[list[float], list[float]]:
+def _speeds_along(time_s: Array, way_m: Array) -> tuple[list[float], list[float]]:
     """Speeds from positions, and their largest errors, m/s.
 
     The speed at a point is the way along the points from half a window before to half a window
@@ -239,9 +177,6 @@ def _speeds_along(time_s: Array, place_rad: Array) -> tuple[list[float], list[fl
     the speed at one moment, at most a·((t − t₀)² + (t₁ − t)²) / (2·(t₁ − t₀)) for a train that
     changes its speed by at most a.
     """
-    north = np.diff(place_rad[:, 0])
-    east = np.diff(place_rad[:, 1]) * np.cos((place_rad[1:, 0] + place_rad[:-1, 0]) / 2)
-    way_m = np.concatenate([[0.0], np.cumsum(EARTH_RADIUS_M * np.hypot(north, east))])
     half = 0.5 * GPX_WINDOW_S
     count = time_s.size
     first = np.searchsorted(time_s, time_s - half - 1e-3)

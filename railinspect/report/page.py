@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 import json
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from railinspect.report.style import style_sheet
+from railinspect.report.parts import cards_of, count_of, document, picture, range_cell
 from railinspect.report.summary import InputTimeline, summarise
 from railinspect.report.timeline import timeline_svg
 from railinspect.runfolder import RunFolder
@@ -63,15 +62,7 @@ def render_page(
         "stopped the train short of the place by the protective section, looking back from the "
         "range that was measured best.</footer>",
     ]
-    # The policy forbids every load but inline style and embedded pictures: no network, provably.
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<meta http-equiv="Content-Security-Policy" '
-        "content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'\">"
-        f"<title>RailInspect: {escape(names)}</title><style>{style_sheet()}</style></head>"
-        f"<body><main>{''.join(body)}</main></body></html>\n"
-    )
+    return document(f"RailInspect: {names}", "".join(body))
 
 
 def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
@@ -82,7 +73,7 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
         kind = "attention"
         by_type = [(name, sum(e["type"] == name for e in events)) for name in TYPE_RGB]
         listed = ", ".join(f"{count} {name}" for name, count in by_type if count)
-        say = f"<b>{_count(len(events), 'event')}</b> to look at: {listed}."
+        say = f"<b>{count_of(len(events), 'event')}</b> to look at: {listed}."
     elif not frames or unknown:
         kind, say = "doubt", "<b>No event, but not everything could be inspected.</b>"
     else:
@@ -90,16 +81,17 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
     notes = []
     if unknown:
         notes.append(
-            f"{_count(unknown, 'frame')} ({unknown / max(frames, 1):.1%}) are unknown: nothing is "
-            "claimed about them, in particular not that the track is clear."
+            f"{count_of(unknown, 'frame')} ({unknown / max(frames, 1):.1%}) are unknown: nothing "
+            "is claimed about them, in particular not that the track is clear."
         )
     if run["settings"]["speed_log"] is not None and counts["speed_unknown_frames"]:
         notes.append(
-            f"The speed log says nothing about {_count(counts['speed_unknown_frames'], 'frame')}: "
+            "The speed log says nothing about "
+            f"{count_of(counts['speed_unknown_frames'], 'frame')}: "
             "what was seen there is advised on as in doubt."
         )
     if counts["breaks"]:
-        notes.append(f"Reading failed in {_count(counts['breaks'], 'place')}, listed below.")
+        notes.append(f"Reading failed in {count_of(counts['breaks'], 'place')}, listed below.")
     if not counts["complete"]:
         notes.append("The run was interrupted; this report covers what was finished.")
     listed_notes = "".join(f"<li>{note}</li>" for note in notes)
@@ -107,10 +99,6 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
         f'<section class="verdict {kind}">{say}'
         f"{f'<ul>{listed_notes}</ul>' if notes else ''}</section>"
     )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number:,} {noun}{'' if number == 1 else 's'}".replace(",", "\u202f")
 
 
 def _cards(run: Json, events: list[dict[str, Any]]) -> str:
@@ -124,11 +112,7 @@ def _cards(run: Json, events: list[dict[str, Any]]) -> str:
         (f"{counts['unknown_frames']:,}".replace(",", "\u202f"), "frames unknown"),
         (f"{counts['frames_per_s']:.1f}/s", "frames inspected"),
     ]
-    inner = "".join(
-        f'<div class="card"><b>{escape(value)}</b><span>{label}</span></div>'
-        for value, label in cards
-    )
-    return f'<div class="cards">{inner}</div>'
+    return cards_of(cards)
 
 
 def _timelines(run: Json, events: list[dict[str, Any]], timelines: Json) -> str:
@@ -194,10 +178,10 @@ def _event_row(event: Json, several: bool, at: RunFolder) -> str:
         *([escape(event["input"])] if several else []),
         f"{clock(event['first_time_s'])}<small>frame {event['first_frame']}</small>"
         f"<small>confirmed {event['confirmed_time_s'] - event['first_time_s']:.2f} s later</small>",
-        _range(event["first_range_m"], event["first_range_interval_m"]),
-        _range(event["closest_range_m"], event["closest_range_interval_m"]),
+        range_cell(event["first_range_m"], event["first_range_interval_m"]),
+        range_cell(event["closest_range_m"], event["closest_range_interval_m"]),
         f"{event['last_time_s'] - event['first_time_s']:.1f} s"
-        f"<small>{_count(event['frames_seen'], 'frame')}</small>",
+        f"<small>{count_of(event['frames_seen'], 'frame')}</small>",
         _brake_by(event),
         _advice(event),
     ]
@@ -214,17 +198,7 @@ def _picture(event: Json, at: RunFolder) -> str:
         data = at.current(event["thumbnail"]).read_bytes()
     except OSError:
         return "–"
-    coded = base64.b64encode(data).decode("ascii")
-    label = escape(f"event {event['id']}: {event['type']}", quote=True)
-    return f'<img alt="{label}" src="data:image/jpeg;base64,{coded}">'
-
-
-def _range(range_m: float | None, bounds: list[float | None] | None) -> str:
-    if range_m is None:
-        return "–<small>no reliable range</small>"
-    if bounds is None or bounds[0] is None or bounds[1] is None:
-        return f"{range_m:.1f} m"
-    return f"{range_m:.1f} m<small>{bounds[0]:.1f} to {bounds[1]:.1f} m</small>"
+    return picture(data, f"event {event['id']}: {event['type']}")
 
 
 def _brake_by(event: Json) -> str:
@@ -304,7 +278,7 @@ def _how(run: Json) -> str:
             (
                 "Input",
                 f"{one['path']} ({one['kind']}, {width}×{height} pixels, "
-                f"{_count(one['frames'], 'frame')})",
+                f"{count_of(one['frames'], 'frame')})",
             )
         )
         if one["overlay"]:
@@ -330,7 +304,7 @@ def _how(run: Json) -> str:
 def _speed(settings: Json, unknown_frames: int) -> str:
     """Where the train's speed came from."""
     if (log := settings["speed_log"]) is not None:
-        frames = _count(unknown_frames, "frame")
+        frames = count_of(unknown_frames, "frame")
         unknown = f"; unknown in {frames}, where braking is advised in doubt"
         return (
             f"{log['source']}, {clock(log['first_time_s'])} to {clock(log['last_time_s'])}, up to "

@@ -42,6 +42,15 @@ tr:last-child td { border-bottom:0; }
 tr:target td { background:#fff7e6; }
 td small { color:var(--soft); display:block; font-size:12.5px; }
 td img { display:block; width:150px; height:auto; border-radius:6px; }
+.clips { display:grid; grid-template-columns:repeat(auto-fill,minmax(260px,1fr)); gap:14px; }
+.clips figure { margin:0; }
+.clips video, .clips img { display:block; width:100%; height:auto; border-radius:8px; }
+.clips figcaption { font-size:13px; color:var(--soft); margin-top:4px; overflow-wrap:anywhere; }
+.columns { display:grid; grid-template-columns:repeat(auto-fit,minmax(330px,1fr)); gap:6px 28px; }
+td .bar { display:flex; height:11px; border-radius:3px; overflow:hidden; background:#eef1f5;
+  min-width:90px; }
+td .bar i { display:block; height:100%; }
+td.late, td span.late { color:#b3261e; font-weight:600; }
 .scroll { overflow-x:auto; }
 .badge { display:inline-block; border-radius:999px; padding:1px 10px; font-weight:600;
   font-size:13px; color:#191c20; white-space:nowrap; }

@@ -203,8 +203,9 @@ def test_a_bad_gpx_is_one_sentence(tmp_path, text, message):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("log.mcap", "MCAP log, which is not read yet; export its speed topic as CSV"),
-        ("fast", "is neither a speed .* nor a .csv or .gpx file"),
+        ("none.mcap", "cannot read speed log"),
+        ("none.nmea", "cannot read speed log"),
+        ("fast", "is neither a speed .* nor a .csv or .gpx, .nmea, .mcap file"),
         ("none.csv", "cannot read speed log"),
     ],
 )

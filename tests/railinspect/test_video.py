@@ -277,3 +277,55 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
     source.close()
     # 490 frames of 691 kB would be 339 MB if they were kept.
     assert seen[1] - seen[0] < 20_000
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "options"),
+    [
+        ("a.mp4", "libx264", {"bf": "3", "g": "12", "preset": "medium"}),
+        ("a.mkv", "libx264", {"bf": "2", "g": "20"}),
+        ("a.ts", "libx264", {"bf": "2", "g": "12"}),
+        ("a.avi", "mpeg4", {"g": "12"}),
+    ],
+)
+def test_reading_from_a_time_on_gives_the_same_frames_and_times(tmp_path, name, codec, options):
+    pictures = [grey(7 * i % 250) for i in range(60)]
+    path = write_video(tmp_path / name, pictures, codec=codec, codec_options=options)
+    every, _ = read(path)
+    source = open_source(path)
+    assert source.clock() == (every[0].time_s, every[-1].time_s)
+    source.close()
+    for time_s in (0.0, 0.5, 2.41, 4.6, 99.0):
+        source = open_source(path)
+        before = source.seek(time_s, remember=5)
+        frames = list(source)
+        source.close()
+        left_out = len(every) - len(frames)
+        assert frames[0].time_s <= max(time_s, every[0].time_s)
+        assert [f.index for f in frames] == list(range(len(frames)))
+        assert [f.time_s for f in frames] == [f.time_s for f in every[left_out:]]
+        assert all(
+            np.array_equal(f.rgb, g.rgb) for f, g in zip(frames, every[left_out:], strict=True)
+        )
+        assert source.breaks == []
+        if name != "a.avi":  # which has no presentation times for some of its packets
+            assert before == [f.time_s for f in every[:left_out]][-5:]
+    if name in ("a.mp4", "a.mkv"):
+        assert left_out > 30, "the frames before were not decoded"
+
+
+def test_a_clock_that_is_set_back_is_no_clock(tmp_path):
+    path = write_video(tmp_path / "a.ts", [grey(100)] * 20)
+    path.write_bytes(2 * path.read_bytes())
+    source = open_source(path)
+    assert source.clock() is None
+    source.close()
+
+
+def test_a_folder_is_read_from_a_time_on(tmp_path):
+    for index in range(6):
+        cv2.imwrite(str(tmp_path / f"f{index}.png"), grey(20 + index))
+    source = open_source(tmp_path, 10.0)
+    assert source.clock() == (0.0, 0.5)
+    assert source.seek(0.35, remember=2) == pytest.approx([0.1, 0.2])
+    assert [f.time_s for f in source] == pytest.approx([0.3, 0.4, 0.5])
