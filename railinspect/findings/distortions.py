@@ -36,10 +36,12 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
+    weaker, stronger = np.abs(smooth).min(axis=1), np.abs(smooth).max(axis=1)
+    together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
     along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
-    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
+    slope = np.where(profile.at_switch, limits.switch_slope, limits.bend_slope)
+    steepest = limits.bend_step_px * scale + slope * along * metre
     lobes = [
         lobe
         for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
@@ -47,7 +49,7 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
-        own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
+        own = np.where(together | profile.at_switch | np.isnan(common), np.nan, smooth[:, rail])
         extra = [
             lobe
             for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)

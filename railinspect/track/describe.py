@@ -98,10 +98,8 @@ def describe(
         return None
     doubtful = _doubtful(centres, seen, scale)
     switch = _switch(centres, settings)
-    doubtful |= switch[:, None]
-    smooth, residual = _smooth(
-        level, centres, seen, doubtful, scale, settings.stiffness(calibrated)
-    )
+    unsure = doubtful | switch[:, None]
+    smooth, residual = _smooth(level, centres, seen, unsure, scale, settings.stiffness(calibrated))
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
     y_under, slope_under, _ = smooth.along(np.zeros(1))
@@ -111,13 +109,13 @@ def describe(
     path, places = _path(level, growth, smooth, path_x, heading0, offset)
     m = len(path_x)
     metre = centres.metre_px
-    noise = _noise_px(residual * metre[:, None], seen & ~doubtful, 0.3 * scale)
+    noise = _noise_px(residual * metre[:, None], seen & ~unsure, 0.3 * scale)
     profile = RailProfile(
-        path.chainage_m[:m], residual, metre, centres.peak, doubtful, centres.uv, noise
+        path.chainage_m[:m], residual, metre, centres.peak, doubtful, switch, centres.uv, noise
     )
     off_px = np.abs(np.nan_to_num(residual)) * metre[:, None]
     # What lies off the smooth track beside another rail is that other rail.
-    other = doubtful & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
+    other = unsure & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
     left, right = _polylines(level.camera, centres, places, seen & ~other)
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0

@@ -81,8 +81,10 @@ class RailProfile:
             the rail was not seen. Shape (M, 2).
         metre_px: Pixels per metre across, shape (M,).
         peak: Rail probability at the centre, 0..1; −1 outside the image. Shape (M, 2).
-        doubtful: Another rail-like run lies beside it or it is unusually wide, as at a switch:
-            such a sample says nothing about the rail's shape. Shape (M, 2).
+        doubtful: Another rail-like run lies beside it or it is unusually wide: such a sample says
+            nothing about the rail's shape. Shape (M, 2).
+        at_switch: Another track's rail lies beside ours here or a few metres on: one rail alone
+            may have been mistaken for it. Shape (M,).
         uv: Pixel of each rail, shape (M, 2, 2).
         noise_px: Scatter of neighbouring residuals, pixels: what the segmentation itself adds.
     """
@@ -92,6 +94,7 @@ class RailProfile:
     metre_px: Array
     peak: Array
     doubtful: Bools
+    at_switch: Bools
     uv: Array
     noise_px: float
 
