@@ -28,8 +28,8 @@ class Thresholds:
             Half a vehicle's width; platform edges lie at about 1.65–1.75 m, and what stands on
             lower ground beside the track appears up to 0.3 m nearer to it than it is.
         core_m: What stays farther out than this and runs along the track is a structure beside
-            it, metres,
-        along_m: if it does so for at least this long, metres.
+            it, metres, and so is what stands behind a crest, whose foot is hidden;
+        along_m: it runs along if it does so for at least this long, metres.
         foot_m: Height of the ground things stand on, metres above the rail tops.
         person_clearance_m: The same for people. A person on a platform appears farther out than
             they stand, because the platform is higher than the plane of the rails.
@@ -68,6 +68,8 @@ class Thresholds:
         bend_join_m: Deviations closer than this along the track are one distortion, metres.
         bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels;
             more is another rail that was mistaken for it.
+        bend_vacant: A sample with something else like a rail beside it counts all the same where
+            the smooth track's own place holds less than this share of the rails' probability.
         bend_slope: Both rails may bend by this much more per metre along the track, metres.
         switch_agreement: Where another track's rail lies beside ours both rails must deviate alike,
             the weaker by at least this share of the stronger,
@@ -126,6 +128,7 @@ class Thresholds:
     bend_spacing_px: float = 6.0
     bend_join_m: float = 5.0
     bend_step_px: float = 1.2
+    bend_vacant: float = 0.5
     bend_slope: float = 0.7
     switch_agreement: float = 0.7
     switch_slope: float = 0.2

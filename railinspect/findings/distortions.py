@@ -27,10 +27,14 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
     residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
     everything = residual
-    residual = np.where(profile.doubtful, np.nan, residual)
+    # Where no rail lies on the smooth track any more, the one beside it is no other track's.
+    vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
+    unsure = profile.doubtful & ~vacant[:, None]
+    residual = np.where(unsure, np.nan, residual)
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
-    smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
+    smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
+    smooth[unsure] = np.nan
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
     if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]

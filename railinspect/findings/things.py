@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import cv2
@@ -14,12 +15,15 @@ from railinspect.findings.place import place_on_track
 from railinspect.labels import (
     CAR,
     CLASSES,
+    GROUND,
     HUMAN,
     ON_RAILS,
     POLE,
+    RAILS,
     TRAFFIC_LIGHT,
     TRAFFIC_SIGN,
     TRUCK,
+    VEGETATION,
 )
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
@@ -28,6 +32,8 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 _VEHICLES = (CLASSES[CAR], CLASSES[TRUCK], CLASSES[ON_RAILS])
+
+_GROUND = frozenset((*GROUND, *RAILS)) - {VEGETATION}
 
 _FAMILY = np.arange(256)
 """What may hang over what: one id per class, but masts carry signals and vehicles are alike."""
@@ -233,6 +239,17 @@ def _innermost(
     return min(least, abs(float(lateral[lowest]) + aside))
 
 
+def _behind_crest(
+    segmentation: SegmentationLike, inside: Array, columns_uv: tuple[int, int], scale: float
+) -> bool:
+    """Whether the ground ends at the foot on both sides too, so that the foot itself is hidden."""
+    reach = math.ceil(2.0 * scale)
+    row = max(0, int(inside[:, 1].min()) - reach)
+    sides = [columns_uv[0] - reach, columns_uv[1] + reach]
+    seen = [segmentation.labels[row, u] for u in sides if 0 <= u < segmentation.labels.shape[1]]
+    return not any(label in _GROUND for label in seen)
+
+
 def _judge(
     segmentation: SegmentationLike,
     track: TrackGeometry,
@@ -275,6 +292,8 @@ def _judge(
     along = float(np.ptp(chainage))
     if code == 1 and inner > limits.core_m and along > max(limits.along_m, 3.0 * width_m):
         return None  # runs along the track: a platform's edge, a wall, a cable trough
+    if inner > limits.core_m and _behind_crest(segmentation, inside, columns_uv, scale):
+        return None  # it stands farther on and who knows where
     # The body above the foot: the region's pixels in its columns, up to the region's top.
     width_m = max(width_m, (last - first + 1) * pixel_m)
     base = int(inside[:, 1].max())

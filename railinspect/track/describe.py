@@ -20,6 +20,7 @@ from railinspect.track.smooth import SmoothTrack, fit_smooth
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Image = npt.NDArray[np.uint8]
 
 STOPS = {
     growing.NO_BEGIN: "no pair of rails begins at the bottom of the image",
@@ -72,6 +73,7 @@ class Description:
 
 
 def describe(
+    score: Image,
     level: Level,
     growth: Growth,
     centres: Centres,
@@ -82,6 +84,7 @@ def describe(
     """Fit the smooth track to the measured centres and put everything in the world frame.
 
     Args:
+        score: Soft rail probability, shape (H, W).
         level: Levelled view of this frame.
         growth: Grown nodes.
         centres: Rail centres along them.
@@ -111,7 +114,15 @@ def describe(
     metre = centres.metre_px
     noise = _noise_px(residual * metre[:, None], seen & ~unsure, 0.3 * scale)
     profile = RailProfile(
-        path.chainage_m[:m], residual, metre, centres.peak, doubtful, switch, centres.uv, noise
+        path.chainage_m[:m],
+        residual,
+        metre,
+        centres.peak,
+        _probability(score, places[:, :m]),
+        doubtful,
+        switch,
+        centres.uv,
+        noise,
     )
     off_px = np.abs(np.nan_to_num(residual)) * metre[:, None]
     # What lies off the smooth track beside another rail is that other rail.
@@ -138,6 +149,15 @@ def describe(
         _contrast(growth, centres),
         bool(switch.any()),
     )
+
+
+def _probability(score: Image, places: Array) -> Array:
+    """Rail probability at places (2, M, 2) of both rails; 0 outside the image. Shape (M, 2)."""
+    height, width = score.shape
+    u, v = np.nan_to_num(np.round(places), nan=-1.0).T  # (M, 2) each
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    at = np.where(inside, v * width + u, 0).astype(np.intp)
+    return np.where(inside, score.ravel()[at] / 255.0, 0.0)
 
 
 def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:

@@ -99,7 +99,13 @@ class TrackFollower:
             best = max(candidates, key=lambda c: c.growth.support + 0.1 * c.pair.score)
             best, centres, measured = self._settled(segmentation.rail_score, best, now)
             found = describe(
-                best.level, best.growth, centres, best.s_first, self._settings, calibrated
+                segmentation.rail_score,
+                best.level,
+                best.growth,
+                centres,
+                best.s_first,
+                self._settings,
+                calibrated,
             )
             settled = None if found is None else (best, found, measured)
         if settled is None:
