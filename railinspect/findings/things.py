@@ -114,13 +114,14 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     path = track.path
     assert path is not None
     width, height = track.camera.size_wh
-    normal = np.stack([-np.sin(path.heading_rad), np.cos(path.heading_rad)], axis=1)[used]
-    level = np.zeros((len(normal), 1))
-    sides = [
-        track.camera.project(np.hstack([path.xy_m[used] + side * half_m * normal, level]))
-        for side in (1.0, -1.0)
-    ]
-    outline = track.camera.distort(np.concatenate([sides[0], sides[1][::-1]]))
+    rows = np.flatnonzero(used)
+    rows = np.append(rows[:-1:4], rows[-1])  # the outline is smooth and widened below
+    heading = path.heading_rad[rows]
+    aside = half_m * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+    ground = np.zeros((2 * len(rows), 3))
+    ground[: len(rows), :2] = path.xy_m[rows] + aside
+    ground[len(rows) :, :2] = (path.xy_m[rows] - aside)[::-1]
+    outline = track.camera.distort(track.camera.project(ground))
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
     mask = np.zeros((height, width), np.uint8)
     points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from railinspect import labels
 from railinspect.camera import Camera
+from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
 from railinspect.findings import Finding, find
 from railinspect.labels import GAUGES_M
 from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
-from tests.railinspect.synthetic_tracks import Masks, Thing, camera, draw
 
 slow = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 
