@@ -1,4 +1,4 @@
-"""Settling on one track: measure its centres, learn the horizon from them, grow again if it moved."""
+"""Settling on one track: measured centres, the horizon learnt from them, a second growth."""
 
 from __future__ import annotations
 
