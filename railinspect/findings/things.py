@@ -88,14 +88,19 @@ def find_things(
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
-        _, components, sizes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        component = components[rows, cols]
+        # Only what lies in the columns of the near contacts can be part of a body.
+        left, right = int(cols[near].min()), int(cols[near].max()) + 1
+        _, components, sizes, _ = cv2.connectedComponentsWithStats(
+            np.ascontiguousarray(mask[:, left:right]), connectivity=8
+        )
+        component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
         inside = near & (np.abs(lateral) <= clearance)
         for number in np.unique(component[inside]):
             if sizes[number, cv2.CC_STAT_AREA] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
-            region = components == number
+            region = np.zeros(mask.shape, bool)
+            region[:, left:right] = components == number
             found += _standing(
                 segmentation,
                 track,

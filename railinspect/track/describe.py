@@ -108,7 +108,7 @@ def describe(
     y_under, slope_under, _ = smooth.along(np.zeros(1))
     heading0, y0 = math.atan(float(slope_under[0])), float(y_under[0])
     offset = -y0 * math.cos(heading0)
-    camera = replace(level.tilted_camera(), yaw_rad=-heading0, offset_m=offset)
+    camera = replace(level.camera, pitch_rad=level.pitch_rad, yaw_rad=-heading0, offset_m=offset)
     path, places = _path(level, growth, smooth, path_x, heading0, offset)
     m = len(path_x)
     metre = centres.metre_px
