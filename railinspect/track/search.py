@@ -202,7 +202,8 @@ def grow_from(
         return growth
     # A bend sharper than any track's carries the growing away from the rails that come back.
     bent = grow(score, level, start, std, half, s_first, settings.for_bends())
-    return bent if bent.support > growth.support + settings.bend_gain else growth
+    better = bent.last > growth.last and bent.support > growth.support + settings.bend_gain
+    return bent if better else growth
 
 
 def _crosses(score: Image, level: Level, pair: Pair, bottom: float, low: float) -> bool:

@@ -33,7 +33,8 @@ class FollowerSettings:
         search_px: Least half-width of the lateral search.
         curvature_walk: Random walk of the curvature along the track, 1/m per √m.
         bend_walk: The same where the rails were lost: a buckled track's curvature changes so fast,
-        bend_gain: and it is taken if so much more of the rails is seen, mean probability.
+        bend_gain: and it is taken if it comes farther and sees so much more of the rails, mean
+            probability.
         gap_m: Longest stretch without any rail the growing crosses.
         gap_share: Longest such stretch as a share of the range at which it begins.
         near_gap: Share of the lowest rows that may be hidden (bonnet, wiper, text).
