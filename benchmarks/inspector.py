@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.common import Measure, parser, publish
 from railinspect.evaluation import true_segmentation
+from railinspect.evaluation.drawn_tracks import camera, draw
 from railinspect.findings import find
 from railinspect.ranging import range_of
 from railinspect.scenes import Ride, demo_settings
 from railinspect.track import TrackFollower
-from tests.railinspect.synthetic_tracks import camera, draw
 
 
 @dataclass

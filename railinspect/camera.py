@@ -79,7 +79,7 @@ class Camera:
             raise BadInputError(
                 "camera principal point, distortion, angles and offset must be finite numbers"
             )
-        for name, value in asdict(self.std).items():
+        for name, value in vars(self.std).items():
             if not (math.isfinite(value) and value >= 0):
                 raise BadInputError(
                     f"camera standard deviation of {name} is {value}; give a number of at least 0"

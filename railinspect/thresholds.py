@@ -28,8 +28,8 @@ class Thresholds:
             Half a vehicle's width; platform edges lie at about 1.65–1.75 m, and what stands on
             lower ground beside the track appears up to 0.3 m nearer to it than it is.
         core_m: What stays farther out than this and runs along the track is a structure beside
-            it, metres,
-        along_m: if it does so for at least this long, metres.
+            it, metres, and so is what stands behind a crest, whose foot is hidden;
+        along_m: it runs along if it does so for at least this long, metres.
         foot_m: Height of the ground things stand on, metres above the rail tops.
         person_clearance_m: The same for people. A person on a platform appears farther out than
             they stand, because the platform is higher than the plane of the rails.
@@ -46,15 +46,17 @@ class Thresholds:
         far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
             only what hides the rails and stands across the centre line counts,
         far_centre_m: reaching so far to both sides of it, metres.
-        least_foot_px: Least width of the foot inside the envelope, pixels.
+        least_foot_px: Least width of a body with its foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
-        overhang_m: What meets the ground's image less than this above the foot of something it
-            hangs together with is a part of that (an arm, a signal's head), metres,
+        level_m: Foot lines whose heights differ by no more are feet of one body, metres,
+        stride_m: if no more than this is between them, metres: a cow's legs.
+        overhang_m: What meets the ground's image higher than that and less than this above the foot
+            of something it hangs together with is a part of that (an arm, a signal's head), metres,
         overhang_width_m: unless it is wider than this or farther aside: a log behind a railing
             meets the ground's image above the railing's near end too. Metres.
-        inside_share: Least share of the foot line that lies inside the envelope, unless it is
-            ``wide_m`` wide inside it.
+        inside_share: Least share of the body's innermost foot line that lies inside the envelope,
+            unless it is ``wide_m`` wide inside it.
         wide_m: Metres inside the envelope that count whatever lies outside.
         bend_px: Least deviation of the rails from the smooth track, pixels.
         bend_m: Least deviation, metres.
@@ -66,7 +68,13 @@ class Thresholds:
         bend_join_m: Deviations closer than this along the track are one distortion, metres.
         bend_step_px: Largest jump between neighbouring rows of a rail that bends alone, pixels;
             more is another rail that was mistaken for it.
+        bend_vacant: A sample with something else like a rail beside it counts all the same where
+            the smooth track's own place holds less than this share of the rails' probability.
         bend_slope: Both rails may bend by this much more per metre along the track, metres.
+        switch_agreement: Where another track's rail lies beside ours both rails must deviate alike,
+            the weaker by at least this share of the stronger,
+        switch_slope: and bend by no more than this per metre along the track, metres: more is a
+            jump back from the other track. One rail alone says nothing there.
         ripple_rows: Rows over which the rails' common swing is averaged.
         ripple_share: Root mean square of that swing as a share of the least deviation.
         ripple_doubt: Largest share of doubtful samples in it.
@@ -105,20 +113,25 @@ class Thresholds:
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5
+    level_m: float = 0.25
+    stride_m: float = 1.6
     overhang_m: float = 3.0
     overhang_width_m: float = 1.2
     inside_share: float = 0.5
     wide_m: float = 0.8
     bend_px: float = 1.5
     bend_m: float = 0.04
-    bend_noise: float = 4.5
+    bend_noise: float = 3.0
     bend_rows: int = 3
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
     bend_spacing_px: float = 6.0
     bend_join_m: float = 5.0
     bend_step_px: float = 1.2
+    bend_vacant: float = 0.5
     bend_slope: float = 0.7
+    switch_agreement: float = 0.7
+    switch_slope: float = 0.2
     ripple_rows: int = 7
     ripple_share: float = 0.8
     ripple_doubt: float = 0.5

@@ -27,19 +27,25 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
     residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
     everything = residual
-    residual = np.where(profile.doubtful, np.nan, residual)
+    # Where no rail lies on the smooth track any more, the one beside it is no other track's.
+    vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
+    unsure = profile.doubtful & ~vacant[:, None]
+    residual = np.where(unsure, np.nan, residual)
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
-    smooth = np.stack([_running_mean(residual[:, i], 3) for i in range(2)], axis=1)
+    smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
+    smooth[unsure] = np.nan
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
     if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    together &= np.abs(smooth).min(axis=1) >= 0.5 * np.abs(smooth).max(axis=1)
+    weaker, stronger = np.abs(smooth).min(axis=1), np.abs(smooth).max(axis=1)
+    together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
     along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
-    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
+    slope = np.where(profile.at_switch, limits.switch_slope, limits.bend_slope)
+    steepest = limits.bend_step_px * scale + slope * along * metre
     lobes = [
         lobe
         for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
@@ -47,7 +53,7 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
-        own = np.where(together | np.isnan(common), np.nan, smooth[:, rail])
+        own = np.where(together | profile.at_switch | np.isnan(common), np.nan, smooth[:, rail])
         extra = [
             lobe
             for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)

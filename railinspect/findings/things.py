@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.findings.bodies import bodies_of
 from railinspect.findings.finding import Finding, FindingType
 from railinspect.findings.place import place_on_track
-from railinspect.labels import CAR, CLASSES, HUMAN, ON_RAILS, TRUCK
+from railinspect.labels import (
+    CAR,
+    CLASSES,
+    GROUND,
+    HUMAN,
+    ON_RAILS,
+    POLE,
+    RAILS,
+    TRAFFIC_LIGHT,
+    TRAFFIC_SIGN,
+    TRUCK,
+    VEGETATION,
+)
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
-Indices = npt.NDArray[np.intp]
 
 _VEHICLES = (CLASSES[CAR], CLASSES[TRUCK], CLASSES[ON_RAILS])
+
+_GROUND = frozenset((*GROUND, *RAILS)) - {VEGETATION}
+
+_FAMILY = np.arange(256)
+"""What may hang over what: one id per class, but masts carry signals and vehicles are alike."""
+_FAMILY[[TRAFFIC_LIGHT, TRAFFIC_SIGN]] = POLE
+_FAMILY[[TRUCK, ON_RAILS]] = CAR
 
 
 def find_things(
@@ -44,7 +64,8 @@ def find_things(
         return []
     kind = np.concatenate([cv2.LUT(labels[:first], table), low]) if first else low
     found: list[Finding] = []
-    for code, clearance in ((2, limits.person_clearance_m), (1, limits.clearance_m)):
+    for code in (2, 1):
+        clearance = _clearance(limits, code)
         # People hide things and things hide people: neither ends in a foot on the other.
         mask = (kind == code).astype(np.uint8)
         if not mask[first:].any():
@@ -67,21 +88,24 @@ def find_things(
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         if not np.any(near & (np.abs(lateral) <= clearance)):
             continue
-        _, components, sizes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-        component = components[rows, cols]
+        # Only what lies in the columns of the near contacts can be part of a body.
+        left, right = int(cols[near].min()), int(cols[near].max()) + 1
+        _, components, sizes, _ = cv2.connectedComponentsWithStats(
+            np.ascontiguousarray(mask[:, left:right]), connectivity=8
+        )
+        component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
         inside = near & (np.abs(lateral) <= clearance)
         for number in np.unique(component[inside]):
             if sizes[number, cv2.CC_STAT_AREA] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
-            region = components == number
-            found += _feet(
+            region = np.zeros(mask.shape, bool)
+            region[:, left:right] = components == number
+            found += _standing(
                 segmentation,
                 track,
                 limits,
                 code,
-                clearance,
-                scale,
                 region,
                 feet[part],
                 chainage[part],
@@ -95,13 +119,14 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     path = track.path
     assert path is not None
     width, height = track.camera.size_wh
-    normal = np.stack([-np.sin(path.heading_rad), np.cos(path.heading_rad)], axis=1)[used]
-    level = np.zeros((len(normal), 1))
-    sides = [
-        track.camera.project(np.hstack([path.xy_m[used] + side * half_m * normal, level]))
-        for side in (1.0, -1.0)
-    ]
-    outline = track.camera.distort(np.concatenate([sides[0], sides[1][::-1]]))
+    rows = np.flatnonzero(used)
+    rows = np.append(rows[:-1:4], rows[-1])  # the outline is smooth and widened below
+    heading = path.heading_rad[rows]
+    aside = half_m * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+    ground = np.zeros((2 * len(rows), 3))
+    ground[: len(rows), :2] = path.xy_m[rows] + aside
+    ground[len(rows) :, :2] = (path.xy_m[rows] - aside)[::-1]
+    outline = track.camera.distort(track.camera.project(ground))
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
     mask = np.zeros((height, width), np.uint8)
     points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
@@ -110,54 +135,57 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     return mask
 
 
-def _feet(
+def _standing(
     segmentation: SegmentationLike,
     track: TrackGeometry,
     limits: Thresholds,
     code: int,
-    clearance: float,
-    scale: float,
     region: Bools,
     feet: Array,
     chainage: Array,
     lateral: Array,
 ) -> list[Finding]:
-    """Split a region's contact with the ground into foot lines and judge each."""
+    """Judge each body of one region that has a foot inside the clearance envelope."""
     # The lowest contact of each column is the foot; one above it is a hole's upper edge.
     order = np.lexsort((-feet[:, 1], feet[:, 0]))
     feet, chainage, lateral = feet[order], chainage[order], lateral[order]
     lowest = np.concatenate([[True], feet[1:, 0] != feet[:-1, 0]])
     feet, chainage, lateral = feet[lowest], chainage[lowest], lateral[lowest]
-    step = np.abs(np.diff(feet[:, 1]))
-    tolerance = np.maximum(3.0 * scale, 0.06 * np.abs(feet[1:, 1] - track.camera.horizon_v()))
-    cut = np.flatnonzero((np.diff(feet[:, 0]) > 2.0 * scale + 1) | (step > tolerance)) + 1
-    parts = np.split(np.arange(len(feet)), cut)
-    bases = [_base(track, limits, feet, part, parts) for part in parts]
+    clearance = limits.person_clearance_m if code == 2 else limits.clearance_m
     found: list[Finding] = []
-    for number, part in enumerate(parts):
-        inside = part[np.abs(lateral[part]) <= clearance]
-        if len(inside) == 0 or bases[number] is not None:
+    for body in bodies_of(feet, _families(segmentation, limits, code, feet), track, limits):
+        standing = np.concatenate(body.feet)
+        inside = standing[np.abs(lateral[standing]) <= clearance]
+        if len(inside) == 0:
             continue
-        # What hangs over beside the foot belongs to the body: an animal on its legs.
-        body = [part] + [other for i, other in enumerate(parts) if bases[i] is part]
-        columns = feet[np.concatenate(body), 0]
+        innermost = min(body.feet, key=lambda part: float(np.abs(lateral[part]).min()))
+        columns = feet[np.concatenate([inside, body.hanging]), 0]
         finding = _judge(
             segmentation,
             track,
             limits,
             code,
-            clearance,
-            scale,
             region,
-            feet[part],
             feet[inside],
             chainage[inside],
             lateral[inside],
-            (int(columns.min()), int(columns.max())) if len(body) > 1 else None,
+            float(np.mean(np.abs(lateral[innermost]) <= clearance)),
+            (int(columns.min()), int(columns.max())),
         )
         if finding is not None:
             found.append(finding)
     return _one_thing(track, found)
+
+
+def _families(
+    segmentation: SegmentationLike, limits: Thresholds, code: int, feet: Array
+) -> npt.NDArray[np.intp]:
+    """Kind of structure at each contact; a filled hole's is that of the contact before it."""
+    if code == 2:
+        return np.zeros(len(feet), np.intp)
+    classes = segmentation.labels[feet[:, 1].astype(int), feet[:, 0].astype(int)]
+    known = np.where(np.isin(classes, limits.foreign), np.arange(len(feet)), 0)
+    return np.asarray(_FAMILY[classes[np.maximum.accumulate(known)]], np.intp)
 
 
 def _one_thing(track: TrackGeometry, found: list[Finding]) -> list[Finding]:
@@ -194,28 +222,38 @@ def _union(one: Finding, two: Finding) -> Finding:
     )
 
 
-def _base(
-    track: TrackGeometry, limits: Thresholds, feet: Array, part: Indices, parts: list[Indices]
-) -> Indices | None:
-    """The foot line a foot line hangs over, as an overhanging part of something nearer."""
-    path = track.path
-    assert path is not None
-    bottom = float(feet[part, 1].max())
-    best: tuple[float, Indices] | None = None
-    for other in parts:
-        near = other[np.argmin(np.abs(feet[other, 0] - feet[part, 0].mean()))]
-        base = float(feet[near, 1])
-        if other is part or base <= bottom:
-            continue
-        metre = float(np.interp(base, path.uv[::-1, 1], path.metre_px[::-1]))
-        if np.ptp(feet[part, 0]) > limits.overhang_width_m * metre:
-            continue  # too wide for an arm
-        aside = float(np.abs(feet[near, 0] - feet[part, 0]).min()) / metre
-        near_enough = (base - bottom) / metre < limits.overhang_m
-        near_enough &= aside < limits.overhang_width_m
-        if near_enough and (best is None or base > best[0]):
-            best = (base, other)
-    return None if best is None else best[1]
+def _clearance(limits: Thresholds, code: int) -> float:
+    return limits.person_clearance_m if code == 2 else limits.clearance_m
+
+
+def _innermost(
+    code: int,
+    inside: Array,
+    lateral: Array,
+    lowest: int,
+    columns_uv: tuple[int, int],
+    metre: float,
+) -> float:
+    """Least distance of a body from the centre line: its feet's; a person's middle counts too.
+
+    Who runs has one foot on the ground and that one maybe behind.
+    """
+    least = float(np.abs(lateral).min())
+    if code == 1:
+        return least
+    aside = (float(inside[lowest, 0]) - sum(columns_uv) / 2) / metre  # to the left of the foot
+    return min(least, abs(float(lateral[lowest]) + aside))
+
+
+def _behind_crest(
+    segmentation: SegmentationLike, inside: Array, columns_uv: tuple[int, int], scale: float
+) -> bool:
+    """Whether the ground ends at the foot on both sides too, so that the foot itself is hidden."""
+    reach = math.ceil(2.0 * scale)
+    row = max(0, int(inside[:, 1].min()) - reach)
+    sides = [columns_uv[0] - reach, columns_uv[1] + reach]
+    seen = [segmentation.labels[row, u] for u in sides if 0 <= u < segmentation.labels.shape[1]]
+    return not any(label in _GROUND for label in seen)
 
 
 def _judge(
@@ -223,34 +261,35 @@ def _judge(
     track: TrackGeometry,
     limits: Thresholds,
     code: int,
-    clearance: float,
-    scale: float,
     region: Bools,
-    foot_line: Array,
     inside: Array,
     chainage: Array,
     lateral: Array,
-    columns_uv: tuple[int, int] | None,
+    share: float,
+    columns_uv: tuple[int, int],
 ) -> Finding | None:
-    """Accept or reject one foot line."""
+    """Accept or reject one body, of whose feet these contacts lie inside the envelope."""
     path = track.path
     assert path is not None
+    scale = region.shape[1] / 640.0
     lowest = int(np.argmax(inside[:, 1]))
     range_m = float(chainage[lowest])
     metre = float(np.interp(range_m, path.chainage_m, path.metre_px))
     pixel_m = 1.0 / metre
-    width_m = float(np.ptp(lateral)) + pixel_m
-    deep = clearance - float(np.abs(lateral).min())
-    share = len(inside) / len(foot_line)
+    first, last = columns_uv
     across = float(np.interp(range_m, path.chainage_m, path.across_px))
     spacing_px = 2.0 * across * float(np.interp(range_m, path.chainage_m, path.half_m))
-    if len(inside) < limits.least_foot_px * scale or spacing_px < limits.least_spacing_px * scale:
+    if last - first + 1 < limits.least_foot_px * scale:
+        return None
+    if spacing_px < limits.least_spacing_px * scale:
         return None
     far = spacing_px < limits.far_spacing_px * scale
     hides = any(not gap.continued for gap in track.gaps)  # the rails end where they should go on
     across_both = lateral.min() < -limits.far_centre_m and lateral.max() > limits.far_centre_m
     if far and not (hides and across_both):
         return None
+    width_m = float(np.ptp(lateral)) + pixel_m
+    deep = _clearance(limits, code) - _innermost(code, inside, lateral, lowest, columns_uv, metre)
     if deep < limits.deep_m or deep * across < limits.deep_px * scale:
         return None
     if share < limits.inside_share and width_m < limits.wide_m:
@@ -259,8 +298,9 @@ def _judge(
     along = float(np.ptp(chainage))
     if code == 1 and inner > limits.core_m and along > max(limits.along_m, 3.0 * width_m):
         return None  # runs along the track: a platform's edge, a wall, a cable trough
+    if inner > limits.core_m and _behind_crest(segmentation, inside, columns_uv, scale):
+        return None  # it stands farther on and who knows where
     # The body above the foot: the region's pixels in its columns, up to the region's top.
-    first, last = columns_uv or (int(inside[:, 0].min()), int(inside[:, 0].max()))
     width_m = max(width_m, (last - first + 1) * pixel_m)
     base = int(inside[:, 1].max())
     columns = region[: base + 1, first : last + 1]

@@ -187,6 +187,7 @@ def _growth(track: TrackGeometry, most_m: float = 30.0) -> tuple[float, float] |
     if not track.followed or path is None or profile is None:
         return None
     used = np.isfinite(profile.residual_m).all(axis=1) & ~profile.doubtful.any(axis=1)
+    used &= ~profile.at_switch
     used &= profile.chainage_m < most_m
     if np.count_nonzero(used) < 20:
         return None

@@ -197,7 +197,7 @@ def fit_scale(track: TrackGeometry, settings: ScaleSettings | None = None) -> Tr
     rows = _rows(
         level.from_pixels(profile.uv.reshape(-1, 2)).reshape(-1, 2, 2),
         profile.residual_m,
-        profile.doubtful,
+        profile.doubtful | profile.at_switch[:, None],
         np.interp(profile.chainage_m, path.chainage_m, path.heading_rad) - camera.yaw_rad,
         (camera.focal_px, camera.pitch_rad, camera.rail_spacing_m),
         px,

@@ -20,6 +20,7 @@ from railinspect.track.smooth import SmoothTrack, fit_smooth
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Image = npt.NDArray[np.uint8]
 
 STOPS = {
     growing.NO_BEGIN: "no pair of rails begins at the bottom of the image",
@@ -72,6 +73,7 @@ class Description:
 
 
 def describe(
+    score: Image,
     level: Level,
     growth: Growth,
     centres: Centres,
@@ -82,6 +84,7 @@ def describe(
     """Fit the smooth track to the measured centres and put everything in the world frame.
 
     Args:
+        score: Soft rail probability, shape (H, W).
         level: Levelled view of this frame.
         growth: Grown nodes.
         centres: Rail centres along them.
@@ -98,26 +101,32 @@ def describe(
         return None
     doubtful = _doubtful(centres, seen, scale)
     switch = _switch(centres, settings)
-    doubtful |= switch[:, None]
-    smooth, residual = _smooth(
-        level, centres, seen, doubtful, scale, settings.stiffness(calibrated)
-    )
+    unsure = doubtful | switch[:, None]
+    smooth, residual = _smooth(level, centres, seen, unsure, scale, settings.stiffness(calibrated))
     path_x = centres.path[:, 0]
     # World frame: along the track under the camera, continued there with its nearest curvature.
     y_under, slope_under, _ = smooth.along(np.zeros(1))
     heading0, y0 = math.atan(float(slope_under[0])), float(y_under[0])
     offset = -y0 * math.cos(heading0)
-    camera = replace(level.tilted_camera(), yaw_rad=-heading0, offset_m=offset)
+    camera = replace(level.camera, pitch_rad=level.pitch_rad, yaw_rad=-heading0, offset_m=offset)
     path, places = _path(level, growth, smooth, path_x, heading0, offset)
     m = len(path_x)
     metre = centres.metre_px
-    noise = _noise_px(residual * metre[:, None], seen & ~doubtful, 0.3 * scale)
+    noise = _noise_px(residual * metre[:, None], seen & ~unsure, 0.3 * scale)
     profile = RailProfile(
-        path.chainage_m[:m], residual, metre, centres.peak, doubtful, centres.uv, noise
+        path.chainage_m[:m],
+        residual,
+        metre,
+        centres.peak,
+        _probability(score, places[:, :m]),
+        doubtful,
+        switch,
+        centres.uv,
+        noise,
     )
     off_px = np.abs(np.nan_to_num(residual)) * metre[:, None]
     # What lies off the smooth track beside another rail is that other rail.
-    other = doubtful & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
+    other = unsure & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
     left, right = _polylines(level.camera, centres, places, seen & ~other)
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0
@@ -140,6 +149,15 @@ def describe(
         _contrast(growth, centres),
         bool(switch.any()),
     )
+
+
+def _probability(score: Image, places: Array) -> Array:
+    """Rail probability at places (2, M, 2) of both rails; 0 outside the image. Shape (M, 2)."""
+    height, width = score.shape
+    u, v = np.nan_to_num(np.round(places), nan=-1.0).T  # (M, 2) each
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    at = np.where(inside, v * width + u, 0).astype(np.intp)
+    return np.where(inside, score.ravel()[at] / 255.0, 0.0)
 
 
 def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:

@@ -6,15 +6,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from railinspect.camera import Camera, CameraStd
-from railinspect.errors import BadInputError
-from railinspect.labels import CLASSES, VOID
 from railinspect.track import growing
 from railinspect.track.begin import Line
 from railinspect.track.branches import Branch, find_branches
-from railinspect.track.centres import Centres, measure_centres
 from railinspect.track.describe import STOPS, Description, describe
 from railinspect.track.geometry import (
     FrameLike,
@@ -22,14 +18,14 @@ from railinspect.track.geometry import (
     TrackGeometry,
     nothing_followed,
 )
-from railinspect.track.horizon import Horizon, fit_growth, prior_horizon
+from railinspect.track.horizon import Measured, prior_horizon
+from railinspect.track.inputs import check_masks
 from railinspect.track.level import Level
-from railinspect.track.search import Candidate, grow_from, search, view_of
+from railinspect.track.search import Candidate, search
 from railinspect.track.settings import FollowerSettings
+from railinspect.track.settle import settled_on
 from railinspect.track.state import FollowerState
 from railinspect.track.vanishing import smoothed, vanishing_point
-
-Array = npt.NDArray[np.float64]
 
 _LEAST_PX = 16
 """Images narrower or lower than this cannot show a track."""
@@ -76,13 +72,13 @@ class TrackFollower:
         Raises:
             BadInputError: if the masks are no images of one size, or hold unknown class ids.
         """
-        _check(segmentation)
+        check_masks(segmentation)
         height, width = segmentation.labels.shape
         state = self._fresh_state((width, height), frame)
         camera = self._camera((width, height))
         calibrated = self._given is not None
         if min(width, height) < _LEAST_PX:
-            self._state = self._after_loss(state)
+            self._state = state.after_loss(self._settings.lost_frames)
             return nothing_followed(
                 camera, f"the image is smaller than {_LEAST_PX} pixels", calibrated
             )
@@ -97,13 +93,21 @@ class TrackFollower:
         settled = None
         if candidates:
             best = max(candidates, key=lambda c: c.growth.support + 0.1 * c.pair.score)
-            best, centres, measured = self._settled(segmentation.rail_score, best, now)
+            best, centres, measured = settled_on(
+                segmentation.rail_score, best, now, calibrated, self._settings
+            )
             found = describe(
-                best.level, best.growth, centres, best.s_first, self._settings, calibrated
+                segmentation.rail_score,
+                best.level,
+                best.growth,
+                centres,
+                best.s_first,
+                self._settings,
+                calibrated,
             )
             settled = None if found is None else (best, found, measured)
         if settled is None:
-            self._state = self._after_loss(state)
+            self._state = state.after_loss(self._settings.lost_frames)
             tilted = replace(camera, pitch_rad=Level(camera, home.row_px).pitch_rad)
             return nothing_followed(tilted, STOPS[growing.NO_BEGIN], calibrated)
         branches: tuple[Branch, ...] = ()
@@ -139,60 +143,13 @@ class TrackFollower:
         )
         return replace(camera, std=std)
 
-    # Refinement and result
-
-    def _settled(
-        self, score: npt.NDArray[np.uint8], best: Candidate, now: Horizon
-    ) -> tuple[Candidate, Centres, tuple[float, float, Array] | None]:
-        """Measure the centres, learn the horizon from them, and grow again if it moved."""
-        settings = self._settings
-        scale = score.shape[1] / 640.0
-        bottom = best.s_first + best.level.horizon_px
-        centres = measure_centres(score, best.level, best.growth, best.s_first, settings)
-        measured = None
-        for _ in range(2):
-            measured = self._measured_horizon(best, centres, scale)
-            if measured is None:
-                break
-            # The frame's prior, not the pair's: the same rows must not count twice.
-            horizon = now.updated(*measured)
-            moved = abs(horizon.row_px - best.level.horizon_px)
-            if moved < 0.4 * scale:
-                best = replace(best, horizon=horizon)
-                break
-            level = view_of(best.level.camera, self._given is not None, horizon)
-            growth = grow_from(score, level, best.pair, bottom, 0.0, settings)
-            if growth.last < 3:
-                break
-            best = Candidate(best.pair, level, horizon, bottom - horizon.row_px, growth)
-            centres = measure_centres(score, level, growth, best.s_first, settings)
-        return best, centres, measured
-
-    def _measured_horizon(
-        self, best: Candidate, centres: Centres, scale: float
-    ) -> tuple[float, float, Array] | None:
-        """Horizon and growth from the nearer part of the measured rails."""
-        level = best.level
-        both = (centres.peak >= self._settings.low).all(axis=1)
-        both &= (centres.other < 0.45).all(axis=1)
-        rows = level.level_from_ground(centres.path[:, :2])[:, 1]
-        s = rows - level.horizon_px
-        near = both & (s > 0.25 * best.s_first)
-        spacing = 2 * centres.path[:, 3] + centres.offset_m[:, 0] - centres.offset_m[:, 1]
-        metre = s * math.cos(level.pitch_rad) / level.camera.height_m
-        fit = fit_growth(rows[near], (spacing * metre)[near], 0.7 * scale)
-        if fit is None:
-            return None
-        row, growth, covariance = fit
-        # What a straight line cannot know: the plane's own slow bends near the camera.
-        floor = np.diag([(0.4 * scale) ** 2, (0.004 * growth) ** 2])
-        return row, growth, covariance + floor
+    # Result
 
     def _finish(
         self,
         best: Candidate,
         found: Description,
-        measured: tuple[float, float, Array] | None,
+        measured: Measured | None,
         lines: list[Line],
         branches: tuple[Branch, ...],
         state: FollowerState,
@@ -222,9 +179,9 @@ class TrackFollower:
         curvature = float(nodes[min(6, best.growth.last - 1), growing.KAPPA])
         new = replace(state, pair=best.pair, vanishing_px=vanishing, curvature=curvature, lost=0)
         if not followed:
-            self._state = self._after_loss(replace(new, lost=state.lost))
+            self._state = replace(new, lost=state.lost).after_loss(settings.lost_frames)
         else:
-            self._state = self._learnt(new, best, measured, scale)
+            self._state = new.learnt(best.pair, measured, scale, settings)
         begin = level.to_pixels(
             np.array([[best.pair.left.bottom_px, bottom], [best.pair.right.bottom_px, bottom]])
         )
@@ -247,32 +204,6 @@ class TrackFollower:
             branches=branches,
         )
 
-    def _learnt(
-        self,
-        state: FollowerState,
-        best: Candidate,
-        measured: tuple[float, float, Array] | None,
-        scale: float,
-    ) -> FollowerState:
-        """Move the slow means towards what this frame measured."""
-        home = state.home
-        if measured is not None and home is not None:
-            row, growth, covariance = measured
-            swing = np.diag([(self._settings.swing_px * scale) ** 2, (0.01 * growth) ** 2])
-            home = home.updated(row, growth, covariance + swing)
-        share = 1.0 / min(state.frames + 1, self._settings.memory_frames)
-        aside = state.aside + share * (best.pair.aside - state.aside)
-        return replace(state, home=home, aside=aside, frames=state.frames + 1)
-
-    def _after_loss(self, state: FollowerState) -> FollowerState:
-        """One more frame without a track: after some the place is forgotten, then the camera."""
-        lost = state.lost + 1
-        if lost <= self._settings.lost_frames:
-            return replace(state, lost=lost)
-        if lost <= 4 * self._settings.lost_frames:
-            return replace(state, lost=lost, pair=None, vanishing_px=None, curvature=0.0)
-        return FollowerState(size_wh=state.size_wh, index=state.index)
-
 
 def _assumed(branch: Branch) -> str:
     """Which path was assumed at a switch, in words."""
@@ -281,24 +212,3 @@ def _assumed(branch: Branch) -> str:
         f"a track parts to the {branch.side} at {branch.from_m:.0f} m, the path to the {other} of "
         "it is assumed"
     )
-
-
-def _check(segmentation: SegmentationLike) -> None:
-    labels, score = segmentation.labels, segmentation.rail_score
-    for name, plane in (("labels", labels), ("rail_score", score)):
-        if plane.ndim != 2 or plane.dtype != np.uint8 or plane.size == 0:
-            raise BadInputError(
-                f"segmentation {name} must be a non-empty uint8 image (H, W), "
-                f"not {plane.dtype} of shape {plane.shape}"
-            )
-    if labels.shape != score.shape:
-        raise BadInputError(
-            f"segmentation planes differ in size: labels {labels.shape}, rail_score {score.shape}"
-        )
-    strange = int(labels.max())
-    if strange == VOID:
-        strange = int(labels[labels != VOID].max(initial=0))
-    if strange >= len(CLASSES):
-        raise BadInputError(
-            f"segmentation holds class id {strange}; ids are 0 to {len(CLASSES) - 1} and {VOID}"
-        )

@@ -81,8 +81,11 @@ class RailProfile:
             the rail was not seen. Shape (M, 2).
         metre_px: Pixels per metre across, shape (M,).
         peak: Rail probability at the centre, 0..1; −1 outside the image. Shape (M, 2).
-        doubtful: Another rail-like run lies beside it or it is unusually wide, as at a switch:
-            such a sample says nothing about the rail's shape. Shape (M, 2).
+        smooth_peak: Rail probability where the smooth track has each rail, 0..1. Shape (M, 2).
+        doubtful: Another rail-like run lies beside it or it is unusually wide: such a sample says
+            nothing about the rail's shape. Shape (M, 2).
+        at_switch: Another track's rail lies beside ours here or a few metres on: one rail alone
+            may have been mistaken for it. Shape (M,).
         uv: Pixel of each rail, shape (M, 2, 2).
         noise_px: Scatter of neighbouring residuals, pixels: what the segmentation itself adds.
     """
@@ -91,7 +94,9 @@ class RailProfile:
     residual_m: Array
     metre_px: Array
     peak: Array
+    smooth_peak: Array
     doubtful: Bools
+    at_switch: Bools
     uv: Array
     noise_px: float
 

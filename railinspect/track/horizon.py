@@ -20,6 +20,9 @@ from railinspect.camera import Camera
 
 Array = npt.NDArray[np.float64]
 
+Measured = tuple[float, float, Array]
+"""Horizon row, spacing growth and their covariance, as one frame's rails show them."""
+
 
 @dataclass(frozen=True)
 class Horizon:
@@ -56,11 +59,20 @@ class Horizon:
 
     def updated(self, row_px: float, growth: float, covariance: Array) -> Horizon:
         """The estimate after a measurement of both states with its covariance."""
-        gain = self.covariance @ np.linalg.inv(self.covariance + covariance)
-        step = gain @ np.array([row_px - self.row_px, growth - self.growth])
-        rest = (np.eye(2) - gain) @ self.covariance
+        # Gain P·(P + R)⁻¹ written out: two by two, NumPy's solver costs more than the sums.
+        (p00, p01), (_, p11) = self.covariance.tolist()
+        (r00, r01), (_, r11) = covariance.tolist()
+        s00, s01, s11 = p00 + r00, p01 + r01, p11 + r11
+        determinant = s00 * s11 - s01 * s01
+        g00, g01 = (p00 * s11 - p01 * s01) / determinant, (p01 * s00 - p00 * s01) / determinant
+        g10, g11 = (p01 * s11 - p11 * s01) / determinant, (p11 * s00 - p01 * s01) / determinant
+        off_row, off_growth = row_px - self.row_px, growth - self.growth
+        mixed = p01 - 0.5 * (g00 * p01 + g01 * p11 + g10 * p00 + g11 * p01)
+        rest = [[p00 - g00 * p00 - g01 * p01, mixed], [mixed, p11 - g10 * p01 - g11 * p11]]
         return Horizon(
-            self.row_px + float(step[0]), self.growth + float(step[1]), (rest + rest.T) / 2
+            self.row_px + g00 * off_row + g01 * off_growth,
+            self.growth + g10 * off_row + g11 * off_growth,
+            np.array(rest),
         )
 
 

@@ -61,10 +61,6 @@ class Level:
         """The same view with another horizon."""
         return replace(self, horizon_px=horizon_px)
 
-    def tilted_camera(self) -> Camera:
-        """The camera with this horizon's pitch, without yaw and offset."""
-        return replace(self.camera, pitch_rad=self.pitch_rad, yaw_rad=0.0, offset_m=0.0)
-
     def vector(self) -> Array:
         """Parameters for the compiled loops, shape (12,)."""
         c = self.camera

@@ -10,7 +10,7 @@ import numpy as np
 from railinspect.camera import Camera
 from railinspect.track.begin import Line, Pair, Prior, find_lines, pair_of, pairs_of
 from railinspect.track.geometry import Image
-from railinspect.track.growing import Growth, grow
+from railinspect.track.growing import LOST, ONE_RAIL, Growth, grow
 from railinspect.track.horizon import Horizon
 from railinspect.track.level import Level
 from railinspect.track.ridges import ridge_points
@@ -195,15 +195,15 @@ def grow_from(
     heading = math.atan(-pair.vanishing_px[0] * cos_pitch / camera.focal_px)
     metre = s_first * cos_pitch / camera.height_m
     scale = camera.size_wh[0] / 640.0
-    return grow(
-        score,
-        level,
-        (float(x), float(y), heading, curvature),
-        (3.0 * scale / metre, 0.03, 1 / 250),
-        half,
-        s_first,
-        settings,
-    )
+    start = (float(x), float(y), heading, curvature)
+    std = (3.0 * scale / metre, 0.03, 1 / 250)
+    growth = grow(score, level, start, std, half, s_first, settings)
+    if growth.stop not in (LOST, ONE_RAIL):
+        return growth
+    # A bend sharper than any track's carries the growing away from the rails that come back.
+    bent = grow(score, level, start, std, half, s_first, settings.for_bends())
+    better = bent.last > growth.last and bent.support > growth.support + settings.bend_gain
+    return bent if better else growth
 
 
 def _crosses(score: Image, level: Level, pair: Pair, bottom: float, low: float) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,9 @@ class FollowerSettings:
         step_px: Lateral sampling step of the growing windows.
         search_px: Least half-width of the lateral search.
         curvature_walk: Random walk of the curvature along the track, 1/m per √m.
+        bend_walk: The same where the rails were lost: a buckled track's curvature changes so fast,
+        bend_gain: and it is taken if it comes farther and sees so much more of the rails, mean
+            probability.
         gap_m: Longest stretch without any rail the growing crosses.
         gap_share: Longest such stretch as a share of the range at which it begins.
         near_gap: Share of the lowest rows that may be hidden (bonnet, wiper, text).
@@ -72,6 +75,8 @@ class FollowerSettings:
     step_px: float = 0.5
     search_px: float = 3.0
     curvature_walk: float = 4e-4
+    bend_walk: float = 8e-3
+    bend_gain: float = 0.03
     gap_m: float = 60.0
     gap_share: float = 1.0
     near_gap: float = 0.35
@@ -88,6 +93,10 @@ class FollowerSettings:
     switch_score: float = 0.30
     switch_reach_m: float = 6.0
     fine_reach_m: float = 0.35
+
+    def for_bends(self) -> FollowerSettings:
+        """The settings with which a track that was lost is grown once more."""
+        return replace(self, curvature_walk=self.bend_walk)
 
     def stiffness(self, calibrated: bool) -> tuple[float, float]:
         """Standard deviations of the smooth track's curvature (1/m) and its change (1/m²)."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from railinspect.track.begin import Pair
-from railinspect.track.horizon import Horizon
+from railinspect.track.horizon import Horizon, Measured
+from railinspect.track.settings import FollowerSettings
 
 
 @dataclass(frozen=True)
@@ -33,3 +36,32 @@ class FollowerState:
     curvature: float = 0.0
     lost: int = 0
     index: int | None = None
+
+    def learnt(
+        self, pair: Pair, measured: Measured | None, scale: float, settings: FollowerSettings
+    ) -> FollowerState:
+        """The slow means moved towards what a followed frame measured.
+
+        Args:
+            pair: The frame's beginning points.
+            measured: What its rails say of the horizon.
+            scale: Image width over 640 pixels.
+            settings: Tuning.
+        """
+        home = self.home
+        if measured is not None and home is not None:
+            row, growth, covariance = measured
+            swing = np.diag([(settings.swing_px * scale) ** 2, (0.01 * growth) ** 2])
+            home = home.updated(row, growth, covariance + swing)
+        share = 1.0 / min(self.frames + 1, settings.memory_frames)
+        aside = self.aside + share * (pair.aside - self.aside)
+        return replace(self, home=home, aside=aside, frames=self.frames + 1)
+
+    def after_loss(self, lost_frames: int) -> FollowerState:
+        """One more frame without a track: after some the place is forgotten, then the camera."""
+        lost = self.lost + 1
+        if lost <= lost_frames:
+            return replace(self, lost=lost)
+        if lost <= 4 * lost_frames:
+            return replace(self, lost=lost, pair=None, vanishing_px=None, curvature=0.0)
+        return FollowerState(size_wh=self.size_wh, index=self.index)

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from railinspect import labels
 from railinspect.camera import Camera
+from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
 from railinspect.findings import Finding, find
 from railinspect.labels import GAUGES_M
 from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
-from tests.railinspect.synthetic_tracks import Masks, Thing, camera, draw
 
 slow = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 
@@ -179,7 +179,94 @@ def test_person_and_crate_are_two_findings_nearest_first() -> None:
     assert [f.type for f in found] == ["trespasser", "obstruction"]
 
 
+def beside(masks: Masks, label: int, box: tuple[int, int, int, int]) -> Masks:
+    """The masks with a rectangle (left, top, right, bottom) of a class painted over them."""
+    left, top, right, bottom = box
+    marks = masks.labels.copy()
+    marks[top:bottom, left:right] = label
+    return dataclasses.replace(masks, labels=marks)
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+def test_an_animal_with_two_legs_outside_the_envelope_is_an_obstacle(hand: int) -> None:
+    legs = [Thing(labels.CONSTRUCTION, 14.0, hand * aside, 0.2, 1.2) for aside in (0.8, 1.9)]
+    masks = draw(camera(), 0.0, things=legs)
+    _, cols = np.nonzero(masks.labels == labels.CONSTRUCTION)
+    top = int(np.nonzero(masks.labels == labels.CONSTRUCTION)[0].min())
+    masks = beside(masks, labels.CONSTRUCTION, (cols.min(), top - 8, cols.max() + 1, top + 12))
+    _, found = judge(masks, camera())
+    assert [f.type for f in found] == ["obstruction"]
+    left, _, right, _ = found[0].box_xyxy
+    assert right - left >= cols.max() - cols.min() - 25  # the body and not one leg
+
+
+def test_a_car_does_not_hang_over_the_mast_before_it() -> None:
+    mast = Thing(labels.POLE, 12.0, 2.0, 0.3, 6.0)
+    masks = draw(camera(), 0.0, things=[mast, Thing(labels.CAR, 26.0, 1.0, 1.7, 1.5)])
+    rows, cols = np.nonzero(masks.labels == labels.CAR)
+    first = int(np.nonzero(masks.labels == labels.POLE)[1].min())
+    # A wall behind both makes one region of them.
+    masks = beside(masks, labels.CONSTRUCTION, (first, rows.min() - 9, cols.max(), rows.min() + 1))
+    _, found = judge(masks, camera())
+    assert [f.type for f in found] == ["obstruction"]
+    assert found[0].evidence.startswith(("car", "construction"))
+
+
+def test_a_runner_stands_where_the_body_is() -> None:
+    foot = Thing(labels.HUMAN, 16.0, 1.8, 0.1, 1.7)
+    masks = draw(camera(), 0.0, things=[foot])
+    rows, cols = np.nonzero(masks.labels == labels.HUMAN)
+    assert judge(masks, camera())[1] == ()
+    upper = (cols.max(), rows.min(), cols.max() + 16, rows.max() - 14)
+    _, found = judge(beside(masks, labels.HUMAN, upper), camera())
+    assert [f.type for f in found] == ["trespasser"]
+
+
+@pytest.mark.parametrize("crest", [True, False])
+def test_a_mast_behind_a_crest_is_no_obstacle(crest: bool) -> None:
+    masks = draw(camera(), 0.0)
+    uv = camera().project(np.array([[60.0, -1.0, 0.0], [60.0, -1.3, 0.0]]))
+    (left, foot), (right, _) = np.round(uv).astype(int)
+    score, marks = masks.rail_score.copy(), masks.labels.copy()
+    if crest:
+        score[:foot], marks[:foot] = 0, labels.VEGETATION
+    masks = Masks(marks, masks.confidence, score)
+    _, found = judge(beside(masks, labels.POLE, (left, foot - 60, right + 1, foot)), camera())
+    assert bool(found) is not crest
+
+
 # Distortions
+
+
+def parting(hand: int, from_m: float, bend: object = None) -> Masks:
+    """A straight track from which another one parts."""
+    own = draw(camera(), 0.0, bend=bend)
+    other = draw(camera(), lambda s: np.where((s > from_m) & (s < from_m + 32), hand / 190, 0.0))
+    score = np.maximum(own.rail_score, other.rail_score)
+    return dataclasses.replace(own, rail_score=score)
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+@pytest.mark.parametrize("from_m", [4.0, 8.0, 12.0, 18.0, 26.0, 35.0])
+def test_a_switch_is_no_distortion(hand: int, from_m: float) -> None:
+    _, found = judge(parting(hand, from_m), camera())
+    assert found == ()
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+@pytest.mark.parametrize("amplitude", [0.25, -0.25])
+def test_rails_that_bend_behind_the_blades_are_a_distortion(hand: int, amplitude: float) -> None:
+    _, found = judge(parting(hand, 4.0, wave(32, 10, amplitude)), camera())
+    assert [f.type for f in found] == ["distortion"]
+
+
+@pytest.mark.parametrize("at", [9.0, 11.0, 13.0])
+@pytest.mark.parametrize("amplitude", [0.27, -0.27])
+def test_a_buckle_just_ahead_does_not_end_the_track(at: float, amplitude: float) -> None:
+    cam = camera(height_m=1.8)
+    geometry, found = judge(draw(cam, 0.0, bend=wave(at, 11.5, amplitude)), cam)
+    assert [f.type for f in found] == ["distortion"]
+    assert geometry.followed, geometry.reason
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 500])

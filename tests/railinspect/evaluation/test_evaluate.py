@@ -23,10 +23,10 @@ from railinspect.evaluation import (
     ride_through,
     score,
 )
+from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.evaluation.svm import fit
 from railinspect.scenes import Ride, demo_settings
 from railinspect.scenes.dataset import IMAGES, MASKS, NOTES
-from tests.railinspect.synthetic_tracks import Thing, camera, draw
 
 BOX = (100.0, 100.0, 116.0, 116.0)
 

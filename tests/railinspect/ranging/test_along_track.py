@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from railinspect import labels
 from railinspect.camera import Camera, CameraStd
+from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.findings import Finding, find
 from railinspect.ranging import Range, RangingSettings, range_of
 from railinspect.track import TrackFollower, TrackGeometry
-from tests.railinspect.synthetic_tracks import Thing, camera, draw
 
 # The synthetic things stand on the plane of the rail tops.
 ON_PLANE = RangingSettings(stands_on_m=0.0)

@@ -15,13 +15,13 @@ import pytest
 from railinspect.camera import Camera, CameraStd
 from railinspect.errors import BadInputError
 from railinspect.evaluation import true_segmentation
+from railinspect.evaluation.drawn_tracks import camera, draw
 from railinspect.ranging.calibrate_board import calibrate_boards, calibrate_folder
 from railinspect.ranging.calibrate_ride import DriftMonitor, RideCalibrator, with_ride
 from railinspect.ranging.camera_files import camera_from_kitti, camera_from_osdar23
 from railinspect.scenes import Ride, demo_settings
 from railinspect.scenes import ground as g
 from railinspect.track import TrackFollower
-from tests.railinspect.synthetic_tracks import camera, draw
 
 REAL = Path(__file__).parents[4] / "shared" / "real"
 

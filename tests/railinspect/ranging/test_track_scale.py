@@ -9,6 +9,7 @@ import pytest
 
 from railinspect import labels
 from railinspect.camera import Camera
+from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.findings import find
 from railinspect.ranging.along_track import FrameRanging, RangingSettings
 from railinspect.ranging.error_budget import budget, reliable_range
@@ -17,7 +18,6 @@ from railinspect.ranging.ground_level import BED_M, UNSEEN, ground_level
 from railinspect.ranging.track_scale import KNOTS_M, ScaleSettings, TrackScale, _solve, fit_scale
 from railinspect.track import TrackFollower
 from railinspect.track.smooth import centre_bases
-from tests.railinspect.synthetic_tracks import Thing, camera, draw
 
 SIZE = (1280, 720)
 SETTINGS = ScaleSettings(spacing_std_px=0.2)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from railinspect.evaluation.drawn_tracks import camera
 from railinspect.track.begin import Line, Prior, find_lines, pair_of, pairs_of
 from railinspect.track.horizon import Horizon, fit_growth, prior_horizon
 from railinspect.track.ridges import ridge_points
 from railinspect.track.vanishing import smoothed, vanishing_point
-from tests.railinspect.synthetic_tracks import camera
 
 PRIOR = Prior(0.0, 20.0, 0.5, 0.3, 0.0, 0.15, 0.0, 40.0)
 

@@ -11,8 +11,7 @@ import pytest
 from railinspect import labels
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
-from railinspect.track import TrackFollower, TrackGeometry
-from tests.railinspect.synthetic_tracks import (
+from railinspect.evaluation.drawn_tracks import (
     Masks,
     Thing,
     camera,
@@ -20,6 +19,7 @@ from tests.railinspect.synthetic_tracks import (
     draw,
     rail_points,
 )
+from railinspect.track import TrackFollower, TrackGeometry
 
 
 @dataclasses.dataclass(frozen=True)

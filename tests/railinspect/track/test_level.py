@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from railinspect.camera import Camera
+from railinspect.evaluation.drawn_tracks import camera
 from railinspect.track.level import Level, bilinear, project, x_at
-from tests.railinspect.synthetic_tracks import camera
 
 CAMERAS = [
     camera(),

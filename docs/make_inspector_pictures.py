@@ -1,6 +1,6 @@
 """Draws ``docs/pictures/inspector.jpg``: each step from a frame's masks to its findings.
 
-The frames are rendered, the masks true. Run ``python -m benchmarks.inspector_pictures``.
+The frames are rendered, the masks true. Run ``python docs/make_inspector_pictures.py``.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ VIEW_M, PIXEL_M = (60.0, 7.2), 0.04
 def main() -> None:
     """Render, follow, draw, write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    default = Path("docs/pictures/inspector.jpg")
+    default = Path(__file__).parent / "pictures" / "inspector.jpg"
     parser.add_argument("--out", type=Path, default=default, help=f"default: {default}")
     options = parser.parse_args()
     ride = Ride.plan(5, demo_settings(), duration_s=50.0, anomalies="demo")
@@ -118,7 +118,9 @@ def _findings(rgb: Image, found: tuple[Finding, ...]) -> Image:
     return picture
 
 
-def _polyline(picture: Image, points: Array, colour: tuple[int, int, int], closed: bool = False):
+def _polyline(
+    picture: Image, points: Array, colour: tuple[int, int, int], closed: bool = False
+) -> None:
     if len(points) > 1:
         fixed = np.round(points * 8).astype(np.int32)
         cv2.polylines(picture, [fixed], closed, colour, 1, cv2.LINE_AA, 3)

@@ -17,11 +17,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Masks:
+    """A segmentation, as :class:`railinspect.track.geometry.SegmentationLike` asks for it."""
+
     labels: npt.NDArray[np.uint8]
     confidence: npt.NDArray[np.uint8]
     rail_score: npt.NDArray[np.uint8]
 
     def mirrored(self) -> Masks:
+        """Left and right exchanged."""
         return Masks(
             *(
                 np.ascontiguousarray(p[:, ::-1])
