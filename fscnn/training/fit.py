@@ -19,6 +19,7 @@ import torch
 from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from fscnn.data.datasets import first_hand
 from fscnn.data.module import RailData
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
@@ -153,17 +154,20 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         default_root_dir=out,
         enable_progress_bar=run.progress,
         enable_model_summary=False,
-        use_distributed_sampler=run.devices > 1,
+        use_distributed_sampler=False,  # Lightning's never hears of the epoch; the data share out
     )
-    trainer.fit(module, data, ckpt_path=resume, weights_only=True)
-    metrics = _validated(trainer, module, data)
+    try:
+        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        metrics = _validated(trainer, module, data)
+    except BadInputError as error:
+        raise first_hand(error) from error
     if run.recalibrate > 0:
         metrics = _try_recalibrated(trainer, module, data, run.recalibrate, metrics)
     # The run may end between two validations, and its last weights are often the best.
     # Saved with the optimiser's state, so that a run can go on from it; it is read safely.
     trainer.save_checkpoint(out / "last.ckpt", weights_only=False)
     best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
-    if math.isnan(best) or metrics["val/rail_iou"] >= best:
+    if trainer.is_global_zero and (math.isnan(best) or metrics["val/rail_iou"] >= best):
         shutil.copyfile(out / "last.ckpt", out / "best.ckpt")
     return metrics
 
@@ -186,6 +190,8 @@ def _try_recalibrated(
     loader = itertools.islice(data.train_dataloader(), batches)
     images = (module.scaled(batch[0].to(module.device)) for batch in loader)
     kept, average.network = average.network, recalibrated(average.network, images)
+    # Each process saw batches of its own: the first one's norms count, as its weights are saved.
+    average.network.load_state_dict(trainer.strategy.broadcast(average.network.state_dict()))
     after = _validated(trainer, module, data)
     better = after["val/rail_iou"] >= before["val/rail_iou"]
     if not better:

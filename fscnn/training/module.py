@@ -88,8 +88,11 @@ class SegmentationModule(lightning.LightningModule):
     def on_train_batch_start(self, batch: Any, batch_idx: int) -> int | None:
         """Set the learning rate from the progress; stop at the end of the run."""
         if batch_idx == 0:  # not earlier: making a loader draws a number too
-            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch)
+            own = self.global_rank * 1_000_000_007
+            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch + own)
         progress = self._progress()
+        if self.trainer.world_size > 1:  # clocks differ, and all must stop at one step
+            progress = self.trainer.strategy.broadcast(progress)
         if progress >= 1:
             self.trainer.should_stop = True
             return -1

@@ -1,7 +1,6 @@
 """Training end to end on drawings: it learns, resumes, stops at NaN, and its files load safely."""
 
 import pickle
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +9,6 @@ import pytest
 import torch
 from torch import nn
 
-from fscnn.data.module import RailData
 from fscnn.models import build
 from fscnn.training import checkpoint
 from fscnn.training.config import TrainConfig, load
@@ -139,53 +137,51 @@ def test_leaves_best_last_and_the_resolved_configuration(
     assert not trained.network.training
 
 
-@pytest.mark.filterwarnings("ignore:.*LeafSpec")  # Lightning's own call of torch
-def test_resuming_continues_exactly(tmp_path: Path) -> None:
-    straight = tiny_run(tmp_path, "schedule.max_epochs=2")
+class KilledError(Exception):
+    """The process ends here."""
+
+
+@pytest.mark.parametrize("killed_at", [2, 3])  # before and after the second epoch's first step
+def test_resuming_after_a_kill_continues_exactly(
+    killed_at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dropped = TINY.replace("dropout: 0", "dropout: 0.2")  # a draw of its own in every step
+    more = (dropped, "schedule.max_epochs=2", "data.strength=1", "run.examples=0")
+    straight = tiny_run(tmp_path, *more)
     fit(straight)
     whole = checkpoint.load(tmp_path / "run" / "last.ckpt")
 
-    halves = replace(straight, run=replace(straight.run, out=str(tmp_path / "halves")))
-    stopped = torch.load(tmp_path / "run" / "last.ckpt", weights_only=True)
-    assert stopped["epoch"] >= 1
-    half = replace(halves, schedule=replace(halves.schedule, max_epochs=2))
-    _fit_one_epoch(half)
-    fit(half, resume=tmp_path / "halves" / "half.ckpt")
-    resumed = checkpoint.load(tmp_path / "halves" / "last.ckpt")
+    step = SegmentationModule.training_step
+
+    def until_killed(module: SegmentationModule, *batch: object) -> torch.Tensor:
+        if module.global_step == killed_at:
+            raise KilledError
+        return step(module, *batch)
+
+    other = tiny_run(tmp_path, *more, f"run.out={tmp_path / 'killed'}")
+    with monkeypatch.context() as patched:
+        patched.setattr(SegmentationModule, "training_step", until_killed)
+        with pytest.raises(KilledError):
+            fit(other)
+    left = tmp_path / "killed" / "last.ckpt"
+    assert checkpoint.load(left).steps == 2  # of the end of the first epoch
+    torch.rand(5)  # whatever a new process would have drawn
+    fit(other, resume=left)
+    resumed = checkpoint.load(left)
     assert resumed.steps == whole.steps == 4
     for name, weight in whole.network.state_dict().items():
         torch.testing.assert_close(resumed.network.state_dict()[name], weight, rtol=0, atol=0)
 
 
-def _fit_one_epoch(config: TrainConfig) -> None:
-    """The first epoch of ``config``, as if the process had been killed after it."""
-    import lightning
-
-    lightning.seed_everything(config.seed, verbose=False)
-    data = RailData(config.data, config.seed)
-    optimiser = config.optimiser
-    module = SegmentationModule(
-        build(config.network, config.settings),
-        config.network,
-        config.loss,
-        config.schedule,
-        optimiser.rate,
-        optimiser.weight_decay,
-        optimiser.average,
-    )
-    trainer = lightning.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        gradient_clip_val=optimiser.clip,
-        num_sanity_val_steps=0,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-    )
-    trainer.fit(module, data)
-    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt", weights_only=False)
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_damaged_file_stops_the_run_and_is_named(workers: int, tmp_path: Path) -> None:
+    config = tiny_run(tmp_path, "schedule.max_epochs=1", f"data.workers={workers}")
+    mask = tmp_path / "set/uint8/rs00005.png"
+    cv2.imwrite(str(mask), np.full((64, 96), 77, np.uint8))
+    with pytest.raises(BadInputError) as found:
+        fit(config)
+    assert str(found.value).startswith(f"mask {mask} holds class id 77; allowed are 0…18")
+    assert "\n" not in str(found.value)
 
 
 def test_training_goes_on_with_folded_norms(
