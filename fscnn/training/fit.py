@@ -44,6 +44,7 @@ _NOISE = (
     r"Checkpoint directory .* exists and is not empty",  # it holds the resolved configuration
     r".*does not have many workers",  # data.workers says how many
     r"The number of training batches .* is smaller than the logging interval",
+    r"It is recommended to use `self\.log\(.*sync_dist",  # the totals are summed before
     r".*LeafSpec.* is deprecated",  # Lightning's own call of torch
 )
 
@@ -190,8 +191,6 @@ def _try_recalibrated(
     loader = itertools.islice(data.train_dataloader(), batches)
     images = (module.scaled(batch[0].to(module.device)) for batch in loader)
     kept, average.network = average.network, recalibrated(average.network, images)
-    # Each process saw batches of its own: the first one's norms count, as its weights are saved.
-    average.network.load_state_dict(trainer.strategy.broadcast(average.network.state_dict()))
     after = _validated(trainer, module, data)
     better = after["val/rail_iou"] >= before["val/rail_iou"]
     if not better:

@@ -121,11 +121,13 @@ class SegmentationModule(lightning.LightningModule):
             self.average.update(self.network)
 
     def on_validation_start(self) -> None:
-        """Bring the average up to date and forget the last scores."""
+        """Bring the average up to date, the same one in all processes, and forget the scores."""
         if self.global_step > self.average.steps:
             self.average.update(self.network)
         self.scores = Scores()
-        self.average.network.to(self.device)
+        network = self.average.network.to(self.device)
+        if self.trainer.world_size > 1:  # norms differ by what each saw; the first one's are saved
+            network.load_state_dict(self.trainer.strategy.broadcast(network.state_dict()))
 
     def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
         """Score the averaged network on one batch."""

@@ -1,6 +1,10 @@
 """Training end to end on drawings: it learns, resumes, stops at NaN, and its files load safely."""
 
+import json
+import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -9,15 +13,19 @@ import pytest
 import torch
 from torch import nn
 
+from fscnn.data.datasets import FolderSource
 from fscnn.models import build
 from fscnn.training import checkpoint
-from fscnn.training.config import TrainConfig, load
+from fscnn.training.config import TrainConfig, load, save
+from fscnn.training.evaluation import evaluate, load_model
 from fscnn.training.fit import fit
 from fscnn.training.guard import DivergedError, explain_divergence
 from fscnn.training.module import SegmentationModule
 from fscnn.training.norms import recalibrated
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
+
+ROOT = Path(__file__).parents[3]
 
 TINY = (
     "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, "
@@ -171,6 +179,23 @@ def test_resuming_after_a_kill_continues_exactly(
     assert resumed.steps == whole.steps == 4
     for name, weight in whole.network.state_dict().items():
         torch.testing.assert_close(resumed.network.state_dict()[name], weight, rtol=0, atol=0)
+
+
+def test_two_processes_train_one_network_and_score_all_images(tmp_path: Path) -> None:
+    more = ("schedule.max_epochs=2", "data.batch_size=2", "run.devices=2", "run.threads=1")
+    save(tiny_run(tmp_path, *more), tmp_path / "two.yaml")
+    command = [sys.executable, str(ROOT / "train.py"), "fit", "--json", "--config", "two.yaml"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    metrics = json.loads(done.stdout)  # one document, not one of each process
+    trained = checkpoint.load(tmp_path / "run" / "last.ckpt")
+    assert trained.steps == 4  # eight images, two at a time in two processes, twice
+    segment = load_model(tmp_path / "run" / "last.ckpt", (96, 64))
+    source = FolderSource(tmp_path / "set")
+    alone = evaluate(segment, (source(i) for i in range(8))).summary()
+    assert metrics["val/accuracy"] == pytest.approx(alone["accuracy"], abs=1e-6)
+    assert metrics["val/mean_iou"] == pytest.approx(alone["mean_iou"], abs=1e-6)
 
 
 @pytest.mark.parametrize("workers", [0, 1])
