@@ -64,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         from fscnn.data.datasets import FolderSource, SceneSource
         from fscnn.training.evaluation import evaluate_source, load_model
         from fscnn.training.evaluation_report import printable, write
-        from fscnn.training.tables import markdown, row_of, table_iii
+        from fscnn.training.tables import appendix_e, markdown, printed_rows, row_of, table_iii
         from fscnn.training.views import views
         from railinspect.camera import Camera
 
@@ -104,8 +104,8 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"    IoU {name:16} {value:>8.4f}")
         for name, band in (one.bands.summary() if one.bands else {}).items():
             print(f"  {name:14} rail IoU {band['rail_iou']:.4f}, thin F {band['thin_f']:.4f}")
-    if len(done) > 1:
-        print(markdown(table_iii({one.model: row_of(one.scores) for one in done})))
+    rows = printed_rows() | {one.model: row_of(one.scores) for one in done}
+    print(f"\n{markdown(table_iii(rows))}\n\n{markdown(appendix_e(rows))}")
     return 0
 
 

@@ -24,6 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
     # Threads that wait by spinning take the cores from the loader's processes: 3 × slower here.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
+        from lightning.pytorch.utilities import rank_zero_only
+
         from fscnn.training import config
         from fscnn.training.fit import fit as run
 
@@ -32,6 +34,8 @@ def main(arguments: list[str] | None = None) -> int:
     except RailInspectError as error:
         print(f"train.py: {error}", file=sys.stderr)
         return 2
+    if rank_zero_only.rank:  # of several processes the first one speaks
+        return 0
     if options.json:
         print(json.dumps(metrics))
     else:

@@ -21,6 +21,7 @@ from torch.utils.data import Dataset, Sampler
 
 from fscnn.data.splits import Split, pairs_of
 from railinspect import scenes
+from railinspect.errors import BadInputError
 from railinspect.railsem import Image, list_pairs, read_pair
 
 Draw = tuple[int, int]
@@ -145,15 +146,25 @@ class DrawSampler(Sampler[Draw]):
     """A fresh permutation every epoch, each entry with its number within the run.
 
     Lightning calls :meth:`set_epoch`, so a resumed run goes on with the draws it would have had.
+    Of several processes each takes its turn of the one permutation, so that none repeats another;
+    what does not go round is left out, for all must take equally many steps.
+
+    Args:
+        length: Number of indices.
+        seed: Seed of the run.
+        rank: Number of this process, 0 … ``processes`` − 1.
+        processes: Processes that train together.
     """
 
-    def __init__(self, length: int, seed: int) -> None:
+    def __init__(self, length: int, seed: int, rank: int = 0, processes: int = 1) -> None:
         self.length = length
         self.seed = seed
+        self.rank = rank
+        self.processes = processes
         self.epoch = 0
 
     def __len__(self) -> int:
-        return self.length
+        return self.length // self.processes
 
     def set_epoch(self, epoch: int) -> None:
         """Choose the epoch the next iteration belongs to."""
@@ -162,8 +173,14 @@ class DrawSampler(Sampler[Draw]):
     def __iter__(self) -> Iterator[Draw]:
         rng = np.random.default_rng((self.seed, self.epoch))
         first = self.epoch * self.length
-        for position, index in enumerate(rng.permutation(self.length)):
-            yield int(index), first + position
+        order = rng.permutation(self.length)
+        for position in range(self.rank, len(self) * self.processes, self.processes):
+            yield int(order[position]), first + position
+
+
+def first_hand(error: BadInputError) -> BadInputError:
+    """The error as its own sentence: a loader process hands it on inside a whole traceback."""
+    return BadInputError(str(error).rsplit(f"{BadInputError.__name__}: ", 1)[-1].strip())
 
 
 def quiet_worker(_: int) -> None:

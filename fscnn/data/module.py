@@ -41,7 +41,7 @@ class DataConfig:
         aspect: Largest stretch of a training sample, sideways against upwards.
         rail_share: Fraction of training samples that must show a rail.
         strength: Strength of the photometric transforms, 0 … 1.
-        batch_size: Samples per step.
+        batch_size: Samples per step, of each process.
         workers: Loader processes.
     """
 
@@ -104,6 +104,12 @@ class RailData(lightning.LightningDataModule):
         sources = [s for s in self._train.sources if isinstance(s, FolderSource)]
         return tuple(pair for source in sources for pair in source.pairs)
 
+    @property
+    def _place(self) -> tuple[int, int]:
+        """Number of this process, and how many train together."""
+        trainer = self.trainer
+        return (trainer.global_rank, trainer.world_size) if trainer else (0, 1)
+
     def _loader(self, dataset: SegmentationDataset, **options: Any) -> Any:
         workers = self.config.workers
         return DataLoader(
@@ -126,10 +132,20 @@ class RailData(lightning.LightningDataModule):
             config.aspect,
         )
         dataset = SegmentationDataset(self._train, len(self._train), transform, self.seed)
-        sampler = DrawSampler(len(dataset), self.seed)
-        size = min(config.batch_size, len(dataset))
+        rank, processes = self._place
+        sampler = DrawSampler(len(dataset), self.seed, rank, processes)
+        if not len(sampler):
+            raise BadInputError(
+                f"{len(dataset)} images to train on cannot be shared by {processes} processes; "
+                "lower run.devices"
+            )
+        size = min(config.batch_size, len(sampler))
         return self._loader(dataset, sampler=sampler, batch_size=size, drop_last=True)
 
     def val_dataloader(self) -> Any:
-        """Whole images one by one, since their sizes may differ."""
-        return self._loader(SegmentationDataset(self._val, len(self._val)), batch_size=1)
+        """Whole images one by one, since their sizes may differ; each process takes its turn."""
+        rank, processes = self._place
+        turns = range(rank, len(self._val), processes)
+        return self._loader(
+            SegmentationDataset(self._val, len(self._val)), sampler=turns, batch_size=1
+        )

@@ -1,9 +1,10 @@
-"""Atrous spatial pyramid pooling with a plain global mean (Chen et al. 2017, section 3.3)."""
+"""Atrous spatial pyramid pooling with a plain global mean (Chen et al. 2017), full and light."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from fscnn.models.blocks import conv_norm
 
@@ -32,3 +33,31 @@ class Aspp(nn.Module):
         scene = self.scene(features.mean((2, 3), keepdim=True))
         branches.append(scene.expand(-1, -1, *features.shape[2:]))
         return self.dropout(self.project(torch.cat(branches, 1)))
+
+
+class LightAspp(nn.Module):
+    """Atrous spatial pyramid with three rates, and the image's mean as a plain reduction.
+
+    The branches are added, not concatenated: one projection less. A plain mean replaces adaptive
+    pooling, which does not export with a free batch size.
+    """
+
+    def __init__(self, inputs: int, outputs: int, rates: tuple[int, ...] = (2, 5)) -> None:
+        super().__init__()
+        self.point = conv_norm(inputs, outputs, 1)
+        self.atrous = nn.ModuleList(
+            nn.Sequential(
+                conv_norm(outputs, outputs, 3, dilation=rate, groups=outputs),
+                conv_norm(outputs, outputs, 1, activate=False),
+            )
+            for rate in rates
+        )
+        self.scene = nn.Conv2d(outputs, outputs, 1)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map (N, inputs, H, W) to (N, outputs, H, W)."""
+        point = self.point(features)
+        total = point + self.scene(point.mean((2, 3), keepdim=True))
+        for branch in self.atrous:
+            total = total + branch(point)
+        return functional.relu(total)

@@ -73,6 +73,21 @@ def resize_like(features: Tensor, other: Tensor) -> Tensor:
     )
 
 
+class UpStep(nn.Module):
+    """Narrow, upsample, add the skip, filter."""
+
+    def __init__(self, inputs: int, skip: int, middle: int, outputs: int) -> None:
+        super().__init__()
+        self.narrow = nn.Conv2d(inputs, middle, 1)
+        self.skip = conv_norm(skip, middle, 1, activate=False)
+        self.filter = conv_norm(middle, outputs)
+
+    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
+        """Map (N, inputs, h, w) and (N, skip, H, W) to (N, outputs, H, W)."""
+        raised = resize_like(self.narrow(coarse), fine)
+        return self.filter(functional.relu(raised + self.skip(fine)))
+
+
 def fold_norms(network: nn.Module) -> nn.Module:
     """Fold each batch norm that directly follows a convolution in a sequence, in place.
 

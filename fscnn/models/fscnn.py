@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from fscnn.models.aspp import Aspp
+from fscnn.models.aspp import Aspp, LightAspp
 from fscnn.models.backbones import Backbone
-from fscnn.models.blocks import conv_norm
-from fscnn.models.fscnn_s import RAIL_PRIOR, LightAspp, _UpStep
+from fscnn.models.blocks import UpStep, conv_norm
+from fscnn.models.heads import RAIL_PRIOR
 from fscnn.models.message_passing import FoldedMessagePassing
 
 
@@ -72,9 +72,9 @@ class Fscnn(nn.Module):
             if config.light
             else Aspp(width, config.context, config.rates, config.dropout)
         )
-        self.up8 = _UpStep(config.context, c8, up8, up8)
-        self.up4 = _UpStep(up8, c4, up4, up4)
-        self.up2 = _UpStep(up4, c2, up2, up2)
+        self.up8 = UpStep(config.context, c8, up8, up8)
+        self.up4 = UpStep(up8, c4, up4, up4)
+        self.up2 = UpStep(up4, c2, up2, up2)
         self.classify = nn.Conv2d(up2, config.classes, 1)
         self.rails = nn.Conv2d(up2, self.stride**2, 3, padding=1)
         nn.init.constant_(self.rails.bias, RAIL_PRIOR)

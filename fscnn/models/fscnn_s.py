@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from fscnn.models.blocks import InvertedResidual, Residual, conv_norm, resize_like
+from fscnn.models.aspp import LightAspp
+from fscnn.models.blocks import InvertedResidual, Residual, UpStep, conv_norm
+from fscnn.models.heads import RAIL_PRIOR
 from fscnn.models.message_passing import FoldedMessagePassing
-
-RAIL_PRIOR = -3.0
-"""Logit of the share of rail pixels in a picture, about 5 %: where the rail scores start."""
 
 
 @dataclass(frozen=True)
@@ -50,48 +49,6 @@ class FscnnSConfig:
     dropout: float = 0.05
 
 
-class LightAspp(nn.Module):
-    """Atrous spatial pyramid with three rates, and the image's mean as a plain reduction.
-
-    The branches are added, not concatenated: one projection less. A plain mean replaces adaptive
-    pooling, which does not export with a free batch size.
-    """
-
-    def __init__(self, inputs: int, outputs: int, rates: tuple[int, ...] = (2, 5)) -> None:
-        super().__init__()
-        self.point = conv_norm(inputs, outputs, 1)
-        self.atrous = nn.ModuleList(
-            nn.Sequential(
-                conv_norm(outputs, outputs, 3, dilation=rate, groups=outputs),
-                conv_norm(outputs, outputs, 1, activate=False),
-            )
-            for rate in rates
-        )
-        self.scene = nn.Conv2d(outputs, outputs, 1)
-
-    def forward(self, features: Tensor) -> Tensor:
-        """Map (N, inputs, H, W) to (N, outputs, H, W)."""
-        point = self.point(features)
-        total = point + self.scene(point.mean((2, 3), keepdim=True))
-        for branch in self.atrous:
-            total = total + branch(point)
-        return nn.functional.relu(total)
-
-
-class _UpStep(nn.Module):
-    """Narrow, upsample, add the skip, filter."""
-
-    def __init__(self, inputs: int, skip: int, middle: int, outputs: int) -> None:
-        super().__init__()
-        self.narrow = nn.Conv2d(inputs, middle, 1)
-        self.skip = conv_norm(skip, middle, 1, activate=False)
-        self.filter = conv_norm(middle, outputs)
-
-    def forward(self, coarse: Tensor, fine: Tensor) -> Tensor:
-        raised = resize_like(self.narrow(coarse), fine)
-        return self.filter(nn.functional.relu(raised + self.skip(fine)))
-
-
 class FscnnS(nn.Module):
     """The network: RGB (N, 3, H, W) in 0 … 1 to scores (N, classes + 4, H/2, W/2).
 
@@ -122,9 +79,9 @@ class FscnnS(nn.Module):
         self.messages_norm = nn.BatchNorm2d(4 * config.message_channels)
         self.context = LightAspp(w16 + 4 * config.message_channels, config.context)
         self.dropout = nn.Dropout2d(config.dropout)
-        self.up8 = _UpStep(config.context, w8, up8, up8)
-        self.up4 = _UpStep(up8, w4, up4, up4)
-        self.up2 = _UpStep(up4, w2, config.detail, up2)
+        self.up8 = UpStep(config.context, w8, up8, up8)
+        self.up4 = UpStep(up8, w4, up4, up4)
+        self.up2 = UpStep(up4, w2, config.detail, up2)
         self.classify = nn.Conv2d(up2, config.classes, 1)
         self.rails = nn.Conv2d(up2, self.stride**2, 3, padding=1)
         nn.init.constant_(self.rails.bias, RAIL_PRIOR)

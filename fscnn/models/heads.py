@@ -1,9 +1,12 @@
-"""What the coarse networks end with."""
+"""What the networks share at their end."""
 
 from __future__ import annotations
 
 from torch import Tensor
 from torch.nn import functional
+
+RAIL_PRIOR = -3.0
+"""Logit of the share of rail pixels in a picture, about 5 %: where the rail scores start."""
 
 
 def resize_to_half(scores: Tensor, image: Tensor) -> Tensor:

@@ -30,6 +30,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
+from fscnn.models.filtering import steps_of
+
 Axis = Literal["vertical", "horizontal"]
 
 
@@ -105,13 +107,6 @@ def _facing(slices: Tensor, step: int) -> Tensor:
     return slices.as_strided(shape, (apart, extent * channels, channels, 1), step * one)
 
 
-def _windows(padded: Tensor, taps: int) -> Tensor:
-    """All k-tap windows of padded slices: (2, N, E + k − 1, C) → (2, N, E, k·C), overlapping."""
-    two, batch, extent, channels = padded.shape
-    shape = (two, batch, extent - taps + 1, taps * channels)
-    return padded.as_strided(shape, padded.stride(), padded.storage_offset())
-
-
 def _padded(length: int, batch: int, extent: int, pad: int, like: Tensor) -> tuple[Tensor, Tensor]:
     """Room for both directions' slices with zeros around, and the view of the slices in it."""
     room = like.new_empty(2, length, batch, extent + 2 * pad, like.shape[-1])
@@ -131,14 +126,12 @@ class _BothWays(torch.autograd.Function):
         state, inner = _padded(length, batch, extent, pad, slices)
         inner[0] = slices
         inner[1] = inner[0]
-        weight = kernels.permute(0, 3, 2, 1).reshape(2, taps * channels, channels)
+        filtered = steps_of(kernels.permute(0, 3, 2, 1), batch, extent)
         keep = any(ctx.needs_input_grad)
         messages = slices.new_empty(2, length if keep else 1, batch, extent, channels)
-        window = slices.new_empty(2, batch, extent, taps * channels)
         for i in range(1, length):
-            window.copy_(_windows(_facing(state, i - 1), taps))
             message = _facing(messages, i if keep else 0)
-            torch.bmm(window.flatten(1, 2), weight, out=message.flatten(1, 2))
+            filtered(_facing(state, i - 1), message)
             _facing(state, i)[:, :, pad : pad + extent] += message.relu_()
         if keep:
             ctx.save_for_backward(state, messages, kernels)
@@ -156,8 +149,8 @@ class _BothWays(torch.autograd.Function):
         reached, _ = _padded(length, batch, extent, pad, total)
         _facing(reached, 0).zero_()
         # The adjoint of a correlation: taps reversed, channels exchanged.
-        adjoint = kernels.flip(3).permute(0, 3, 1, 2).reshape(2, taps * channels, channels)
-        window = total.new_empty(2, batch, extent, taps * channels)
+        filtered = steps_of(kernels.flip(3).permute(0, 3, 1, 2), batch, extent)
+        back = total.new_empty(2, batch, extent, channels)
         for i in range(length - 1, 0, -1):
             here = _facing(reached, i)
             torch.ops.aten.threshold_backward.grad_input(  # ReLU's, without a copy
@@ -166,9 +159,8 @@ class _BothWays(torch.autograd.Function):
                 0,
                 grad_input=here[:, :, pad : pad + extent],
             )
-            window.copy_(_windows(here, taps))
-            back = torch.bmm(window.flatten(1, 2), adjoint)
-            _facing(total, i - 1).add_(back.view(2, batch, extent, channels))
+            filtered(here, back)
+            _facing(total, i - 1).add_(back)
         return total[0] + total[1], _kernel_gradient(state, reached, taps)
 
 

@@ -43,7 +43,7 @@ class RunConfig:
         out: Folder for checkpoints, logs and the resolved configuration.
         precision: Lightning's precision, e.g. ``32-true`` or ``bf16-mixed``.
         accelerator: ``auto``, ``cpu`` or ``gpu``.
-        devices: Devices to train on.
+        devices: Devices to train on, a process each; a step then takes ``devices`` batches.
         accumulate: Batches per optimiser step.
         channels_last: Keep maps channels-last in memory.
         threads: Torch threads on a CPU; 0 leaves the default.

@@ -19,6 +19,7 @@ import torch
 from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from fscnn.data.datasets import first_hand
 from fscnn.data.module import RailData
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
@@ -43,6 +44,7 @@ _NOISE = (
     r"Checkpoint directory .* exists and is not empty",  # it holds the resolved configuration
     r".*does not have many workers",  # data.workers says how many
     r"The number of training batches .* is smaller than the logging interval",
+    r"It is recommended to use `self\.log\(.*sync_dist",  # the totals are summed before
     r".*LeafSpec.* is deprecated",  # Lightning's own call of torch
 )
 
@@ -153,17 +155,20 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
         default_root_dir=out,
         enable_progress_bar=run.progress,
         enable_model_summary=False,
-        use_distributed_sampler=run.devices > 1,
+        use_distributed_sampler=False,  # Lightning's never hears of the epoch; the data share out
     )
-    trainer.fit(module, data, ckpt_path=resume, weights_only=True)
-    metrics = _validated(trainer, module, data)
+    try:
+        trainer.fit(module, data, ckpt_path=resume, weights_only=True)
+        metrics = _validated(trainer, module, data)
+    except BadInputError as error:
+        raise first_hand(error) from error
     if run.recalibrate > 0:
         metrics = _try_recalibrated(trainer, module, data, run.recalibrate, metrics)
     # The run may end between two validations, and its last weights are often the best.
     # Saved with the optimiser's state, so that a run can go on from it; it is read safely.
     trainer.save_checkpoint(out / "last.ckpt", weights_only=False)
     best = float("nan") if keep.best_model_score is None else float(keep.best_model_score)
-    if math.isnan(best) or metrics["val/rail_iou"] >= best:
+    if trainer.is_global_zero and (math.isnan(best) or metrics["val/rail_iou"] >= best):
         shutil.copyfile(out / "last.ckpt", out / "best.ckpt")
     return metrics
 

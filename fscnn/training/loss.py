@@ -1,7 +1,8 @@
-"""The training loss: class-weighted cross entropy, and a term for rails at full resolution."""
+"""The training loss: balanced cross entropy of classes, and terms for rails at full resolution."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from fscnn.models.decision import rail_probability, split
+from railinspect.errors import BadInputError
 from railinspect.labels import (
     CAR,
     CLASSES,
@@ -44,6 +46,9 @@ class LossConfig:
     """Weights of the loss.
 
     Attributes:
+        hardest: Share of the cells, those of the greatest cross entropy, that count, 0 … 1 (online
+            hard example mining, Shrivastava et al. 2016). 1 counts all, weighted as below; less
+            than 1 takes the place of ``rail_weight`` and ``small_weight``.
         rail_weight: Cross-entropy weight of the two rail classes.
         small_weight: Cross-entropy weight of people, poles, signals, signs and rail vehicles, and
             of every obstacle on or next to the track.
@@ -52,6 +57,7 @@ class LossConfig:
         label_smoothing: Label smoothing of the cross entropy.
     """
 
+    hardest: float = 1.0
     rail_weight: float = 1.0
     small_weight: float = 3.0
     dice: float = 1.0
@@ -69,6 +75,11 @@ class RailLoss(nn.Module):
 
     def __init__(self, config: LossConfig) -> None:
         super().__init__()
+        if not 0 < config.hardest <= 1:
+            raise BadInputError(
+                f"loss.hardest is {config.hardest}; it is the share of cells that count, above 0 "
+                "and at most 1, e.g. 0.25"
+            )
         self.config = config
         weights = torch.ones(len(CLASSES))
         weights[[RAIL_RAISED, RAIL_EMBEDDED]] = config.rail_weight
@@ -98,8 +109,11 @@ class RailLoss(nn.Module):
             reduction="none",
             label_smoothing=self.config.label_smoothing,
         )
-        weights = self._weights(cells)
-        classes = (each * weights).sum() / weights.sum().clamp(min=1.0)
+        if self.config.hardest < 1:
+            classes = hardest_mean(each[cells != VOID], self.config.hardest)
+        else:
+            weights = self._weights(cells)
+            classes = (each * weights).sum() / weights.sum().clamp(min=1.0)
 
         rails = rail_probability(scores, stride)[:, 0]
         known = (masks != VOID).float()
@@ -124,3 +138,14 @@ class RailLoss(nn.Module):
         extra = near * self.obstacle[cells] * (self.config.small_weight - 1)
         known = (cells != VOID).float()
         return known * (self.weights[cells.clamp(max=len(CLASSES) - 1)] + extra)
+
+
+def hardest_mean(losses: Tensor, share: float) -> Tensor:
+    """Mean of the greatest ``share`` of ``losses``, one of them at least; 0 where there are none.
+
+    >>> hardest_mean(torch.tensor([1.0, 5.0, 2.0, 3.0]), 0.5)
+    tensor(4.)
+    """
+    if not len(losses):
+        return losses.sum()
+    return losses.topk(math.ceil(share * len(losses))).values.mean()

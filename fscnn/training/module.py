@@ -88,8 +88,11 @@ class SegmentationModule(lightning.LightningModule):
     def on_train_batch_start(self, batch: Any, batch_idx: int) -> int | None:
         """Set the learning rate from the progress; stop at the end of the run."""
         if batch_idx == 0:  # not earlier: making a loader draws a number too
-            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch)
+            own = self.global_rank * 1_000_000_007
+            torch.manual_seed(self.seed * 1_000_003 + self.current_epoch + own)
         progress = self._progress()
+        if self.trainer.world_size > 1:  # clocks differ, and all must stop at one step
+            progress = self.trainer.strategy.broadcast(progress)
         if progress >= 1:
             self.trainer.should_stop = True
             return -1
@@ -118,11 +121,13 @@ class SegmentationModule(lightning.LightningModule):
             self.average.update(self.network)
 
     def on_validation_start(self) -> None:
-        """Bring the average up to date and forget the last scores."""
+        """Bring the average up to date, the same one in all processes, and forget the scores."""
         if self.global_step > self.average.steps:
             self.average.update(self.network)
         self.scores = Scores()
-        self.average.network.to(self.device)
+        network = self.average.network.to(self.device)
+        if self.trainer.world_size > 1:  # norms differ by what each saw; the first one's are saved
+            network.load_state_dict(self.trainer.strategy.broadcast(network.state_dict()))
 
     def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
         """Score the averaged network on one batch."""

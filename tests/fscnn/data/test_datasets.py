@@ -1,5 +1,6 @@
 import hashlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,6 +72,34 @@ def test_sampler_permutes_every_epoch() -> None:
     assert sorted(i for i, _ in first) == sorted(i for i, _ in second) == list(range(5))
     assert [d for _, d in first + second] == list(range(10))
     assert [i for i, _ in first] != [i for i, _ in second]
+
+
+@pytest.mark.parametrize(("length", "processes"), [(8, 2), (11, 3)])
+def test_processes_share_each_epoch_and_repeat_nothing(length: int, processes: int) -> None:
+    whole = DrawSampler(length, seed=4)
+    for epoch in (0, 1):
+        whole.set_epoch(epoch)
+        turns = []
+        for rank in range(processes):
+            sampler = DrawSampler(length, 4, rank, processes)
+            sampler.set_epoch(epoch)
+            turns.append(list(sampler))
+            assert len(turns[-1]) == len(sampler) == length // processes
+        shared = [draw for turn in zip(*turns, strict=True) for draw in turn]
+        assert shared == list(whole)[: length // processes * processes]
+
+
+def test_each_process_validates_its_own_images(one_image: str) -> None:
+    seen = []
+    for rank in range(3):
+        data = RailData(config(one_image, 0))
+        data.trainer = SimpleNamespace(global_rank=rank, world_size=3)
+        seen += list(data.val_dataloader().sampler)
+        assert len(list(data.train_dataloader())) == 1  # two of eight images, a batch
+    assert sorted(seen) == list(range(8))
+    data.trainer = SimpleNamespace(global_rank=0, world_size=9)
+    with pytest.raises(BadInputError, match="8 images to train on cannot be shared by 9 processes"):
+        data.train_dataloader()
 
 
 def test_joined_sources_count_through(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import evaluate as command
+import railinspect
 from fscnn.data.datasets import FolderSource, SceneSource
 from fscnn.training.bands import BandScores, ground_range_m
 from fscnn.training.evaluation import evaluate_source
@@ -164,3 +165,17 @@ def test_command_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "cannot read checkpoint" in capsys.readouterr().err
     assert command.main(["m.ckpt", "--folder", str(tmp_path / "none")]) == 2
     assert "is not in RailSem19's layout" in capsys.readouterr().err
+
+
+def test_command_prints_the_papers_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_set(tmp_path / "set", 1)
+    bundle = Path(railinspect.__file__).parent / "bundles" / "fscnn_s.onnx"
+    assert command.main([str(bundle), "--folder", str(tmp_path / "set")]) == 0
+    rows = [line.split(" | ") for line in capsys.readouterr().out.splitlines() if " | " in line]
+    names = [row[0] for row in rows if len(row) == 4]
+    assert names[0] == "| Method"
+    assert names[-2:] == ["| FSCNN (printed)", "| fscnn_s.onnx"]
+    assert [row[0] for row in rows if len(row) == 1 + len(CLASSES)] == names
+    assert rows[-1][1 + CLASSES.index("human")] == "–"  # the drawing holds none

@@ -1,7 +1,10 @@
 """Training end to end on drawings: it learns, resumes, stops at NaN, and its files load safely."""
 
+import json
+import os
 import pickle
-from dataclasses import replace
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -10,16 +13,19 @@ import pytest
 import torch
 from torch import nn
 
-from fscnn.data.module import RailData
+from fscnn.data.datasets import FolderSource
 from fscnn.models import build
 from fscnn.training import checkpoint
-from fscnn.training.config import TrainConfig, load
+from fscnn.training.config import TrainConfig, load, save
+from fscnn.training.evaluation import evaluate, load_model
 from fscnn.training.fit import fit
 from fscnn.training.guard import DivergedError, explain_divergence
 from fscnn.training.module import SegmentationModule
 from fscnn.training.norms import recalibrated
 from railinspect.errors import BadInputError
 from tests.fscnn.drawing import write_set
+
+ROOT = Path(__file__).parents[3]
 
 TINY = (
     "settings={widths: [8, 12, 16, 24], blocks: [1, 1, 1], message_channels: 8, context: 16, "
@@ -139,53 +145,68 @@ def test_leaves_best_last_and_the_resolved_configuration(
     assert not trained.network.training
 
 
-@pytest.mark.filterwarnings("ignore:.*LeafSpec")  # Lightning's own call of torch
-def test_resuming_continues_exactly(tmp_path: Path) -> None:
-    straight = tiny_run(tmp_path, "schedule.max_epochs=2")
+class KilledError(Exception):
+    """The process ends here."""
+
+
+@pytest.mark.parametrize("killed_at", [2, 3])  # before and after the second epoch's first step
+def test_resuming_after_a_kill_continues_exactly(
+    killed_at: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dropped = TINY.replace("dropout: 0", "dropout: 0.2")  # a draw of its own in every step
+    more = (dropped, "schedule.max_epochs=2", "data.strength=1", "run.examples=0")
+    straight = tiny_run(tmp_path, *more)
     fit(straight)
     whole = checkpoint.load(tmp_path / "run" / "last.ckpt")
 
-    halves = replace(straight, run=replace(straight.run, out=str(tmp_path / "halves")))
-    stopped = torch.load(tmp_path / "run" / "last.ckpt", weights_only=True)
-    assert stopped["epoch"] >= 1
-    half = replace(halves, schedule=replace(halves.schedule, max_epochs=2))
-    _fit_one_epoch(half)
-    fit(half, resume=tmp_path / "halves" / "half.ckpt")
-    resumed = checkpoint.load(tmp_path / "halves" / "last.ckpt")
+    step = SegmentationModule.training_step
+
+    def until_killed(module: SegmentationModule, *batch: object) -> torch.Tensor:
+        if module.global_step == killed_at:
+            raise KilledError
+        return step(module, *batch)
+
+    other = tiny_run(tmp_path, *more, f"run.out={tmp_path / 'killed'}")
+    with monkeypatch.context() as patched:
+        patched.setattr(SegmentationModule, "training_step", until_killed)
+        with pytest.raises(KilledError):
+            fit(other)
+    left = tmp_path / "killed" / "last.ckpt"
+    assert checkpoint.load(left).steps == 2  # of the end of the first epoch
+    torch.rand(5)  # whatever a new process would have drawn
+    fit(other, resume=left)
+    resumed = checkpoint.load(left)
     assert resumed.steps == whole.steps == 4
     for name, weight in whole.network.state_dict().items():
         torch.testing.assert_close(resumed.network.state_dict()[name], weight, rtol=0, atol=0)
 
 
-def _fit_one_epoch(config: TrainConfig) -> None:
-    """The first epoch of ``config``, as if the process had been killed after it."""
-    import lightning
+def test_two_processes_train_one_network_and_score_all_images(tmp_path: Path) -> None:
+    more = ("schedule.max_epochs=2", "data.batch_size=2", "run.devices=2", "run.threads=1")
+    save(tiny_run(tmp_path, *more), tmp_path / "two.yaml")
+    command = [sys.executable, str(ROOT / "train.py"), "fit", "--json", "--config", "two.yaml"]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    metrics = json.loads(done.stdout)  # one document, not one of each process
+    trained = checkpoint.load(tmp_path / "run" / "last.ckpt")
+    assert trained.steps == 4  # eight images, two at a time in two processes, twice
+    segment = load_model(tmp_path / "run" / "last.ckpt", (96, 64))
+    source = FolderSource(tmp_path / "set")
+    alone = evaluate(segment, (source(i) for i in range(8))).summary()
+    assert metrics["val/accuracy"] == pytest.approx(alone["accuracy"], abs=1e-6)
+    assert metrics["val/mean_iou"] == pytest.approx(alone["mean_iou"], abs=1e-6)
 
-    lightning.seed_everything(config.seed, verbose=False)
-    data = RailData(config.data, config.seed)
-    optimiser = config.optimiser
-    module = SegmentationModule(
-        build(config.network, config.settings),
-        config.network,
-        config.loss,
-        config.schedule,
-        optimiser.rate,
-        optimiser.weight_decay,
-        optimiser.average,
-    )
-    trainer = lightning.Trainer(
-        accelerator="cpu",
-        max_epochs=1,
-        gradient_clip_val=optimiser.clip,
-        num_sanity_val_steps=0,
-        logger=False,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-    )
-    trainer.fit(module, data)
-    trainer.save_checkpoint(Path(config.run.out) / "half.ckpt", weights_only=False)
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_damaged_file_stops_the_run_and_is_named(workers: int, tmp_path: Path) -> None:
+    config = tiny_run(tmp_path, "schedule.max_epochs=1", f"data.workers={workers}")
+    mask = tmp_path / "set/uint8/rs00005.png"
+    cv2.imwrite(str(mask), np.full((64, 96), 77, np.uint8))
+    with pytest.raises(BadInputError) as found:
+        fit(config)
+    assert str(found.value).startswith(f"mask {mask} holds class id 77; allowed are 0…18")
+    assert "\n" not in str(found.value)
 
 
 def test_training_goes_on_with_folded_norms(
