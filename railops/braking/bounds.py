@@ -228,12 +228,14 @@ def read_errors(path: str | Path) -> Array:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"cannot read error file {path}: {error}") from error
-    lines = text.splitlines()
-    rows = [
-        (number, [cell.strip() for cell in row])
-        for number, row in enumerate(csv.reader(lines), start=1)
-        if row and not row[0].lstrip().startswith("#")
-    ]
+    try:
+        rows = [
+            (number, [cell.strip() for cell in row])
+            for number, row in enumerate(csv.reader(text.splitlines()), start=1)
+            if row and not row[0].lstrip().startswith("#")
+        ]
+    except csv.Error as error:
+        raise FileError(f"cannot read error file {path}: {error}") from error
     if not rows:
         raise FileError(f"error file {path} holds no errors")
     names = rows[0][1]

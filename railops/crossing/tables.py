@@ -18,6 +18,7 @@ from scipy import stats
 
 from railops.crossing.experiment import Run
 from railops.errors import EvidenceError
+from railops.seeds import generator
 
 Array = npt.NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def compare(
     Raises:
         EvidenceError: if either method has no runs.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     rows = []
     for criterion in CRITERIA:
         mine, other = values(runs, ours, criterion), values(runs, rival, criterion)

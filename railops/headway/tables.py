@@ -66,7 +66,7 @@ def read_csv(path: str | Path) -> Characteristic:
                     raise FileError(f"{path}, line {reader.line_num}: times must be positive")
                 rows.append((run, front, interval))
                 dwells.add(dwell)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"cannot read {path}: {error}") from error
     if not rows:
         raise FileError(f"{path} has no rows below its header")
