@@ -186,12 +186,11 @@ def _experiment(arguments: argparse.Namespace) -> Result:
     document = {
         "seed": arguments.seed,
         "attempts": arguments.attempts,
-        "z_tests": {name: [asdict(row) for row in tables.z_tests(runs, name)] for name in methods},
+        "tables": tables.numbered(runs, arguments.seed),
         "comparisons": [
             asdict(row)
             for name in methods[1:]
             for row in tables.compare(runs, name, arguments.seed)
         ],
-        "published_means": tables.PUBLISHED_MEANS,
     }
     return Result(document, tables.text(runs, arguments.seed))

@@ -324,7 +324,10 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["crossing", "simulate", "--drives", "2", "--record", record, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["unreported"] == 0
     assert cli.main(["crossing", "experiment", "--attempts", "1", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["comparisons"]) == 8
+    document = json.loads(capsys.readouterr().out)
+    assert len(document["comparisons"]) == 8
+    assert list(document["tables"]) == [f"4.{number}" for number in range(1, 8)]
+    assert [len(rows) for rows in document["tables"].values()] == [20, 20, 20, 4, 4, 4, 4]
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
