@@ -19,7 +19,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            event = self.peek_event()
+            event = self.peek_event()  # type: ignore[no-untyped-call]  # its stub has no types
             words = f"the alias *{event.anchor} is not followed here: write the value out"
             raise yaml.MarkedYAMLError(problem=words, problem_mark=event.start_mark)
         return super().compose_node(parent, index)

@@ -179,7 +179,9 @@ def numbered(runs: Sequence[Run], seed: int) -> dict[str, list[dict[str, Any]]]:
         for number, method in enumerate(methods, start=1)
     }
     for place, rival in enumerate(methods[1:], start=1):
-        means, deviations = result[f"4.{3 + place}"], result[f"4.{5 + place}"] = [], []
+        means: list[dict[str, Any]] = []
+        deviations: list[dict[str, Any]] = []
+        result[f"4.{3 + place}"], result[f"4.{5 + place}"] = means, deviations
         for row in compare(runs, rival, seed, methods[0]):
             for table, mine, other, printed in (
                 (means, row.mean, row.rival_mean, PUBLISHED_MEANS),
