@@ -10,11 +10,13 @@ from railops.errors import DomainError
 def generator(seed: int, *branch: int) -> np.random.Generator:
     """A generator of random numbers; each ``branch`` of one seed is a stream of its own.
 
+    Branch 0 is the stream of the seed without a branch, as NumPy counts them.
+
     Raises:
         DomainError: if the seed is not a whole number in [0, 2⁶³].
 
     Example:
-        >>> bool(generator(1).random() == generator(1).random() != generator(1, 0).random())
+        >>> bool(generator(1).random() == generator(1).random() != generator(1, 1).random())
         True
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed <= 2**63:
