@@ -19,6 +19,7 @@ import yaml
 
 from railinspect.errors import BadInputError
 from railinspect.labels import GAUGES_M, RAIL_HEAD_WIDTH_M
+from railops.files import parse_yaml
 
 Array = npt.NDArray[np.float64]
 
@@ -223,7 +224,7 @@ class Camera:
             BadInputError: if the file is missing, is not a mapping, or has wrong keys or values.
         """
         try:
-            data = yaml.safe_load(path.read_text(encoding="utf-8"))
+            data = parse_yaml(path.read_text(encoding="utf-8"))[0]
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise BadInputError(f"cannot read camera file {path}: {error}") from error
         if not isinstance(data, dict):

@@ -24,6 +24,12 @@ TOLERANCE_M: Final = 10.0
 DEMO_SEED: Final = 1
 """Seed of the demo ride unless another is asked for."""
 
+FOUND_SHARE: Final = 0.9
+"""The demo's bar: at least this share of the planted anomalies is found …"""
+
+FALSE_EVENTS: Final = 1
+"""… with at most this many false events."""
+
 DEMO_FILES: Final = ("ride.mp4", "truth.json", "camera.yaml", "demo.json")
 """Files of a demo besides those of its run."""
 
@@ -51,6 +57,12 @@ class Judgement:
     confused: tuple[tuple[Mapping[str, Any], Mapping[str, Any]], ...]
     unseen: tuple[Mapping[str, Any], ...]
     false_events: tuple[Mapping[str, Any], ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the bar is met: nine of ten planted anomalies found, one false event at most."""
+        planted = len(self.found) + len(self.confused) + len(self.unseen)
+        return len(self.found) >= FOUND_SHARE * planted and len(self.false_events) <= FALSE_EVENTS
 
 
 def place_m(event: Mapping[str, Any], speed_mps: float) -> float | None:
@@ -199,6 +211,8 @@ def demo_document(
         "frames": run["frames"],
         "followed_fraction": run["followed_fraction"],
         "unknown_frames": run["unknown_frames"],
+        "passed": verdict.passed,
+        "bar": {"found_share": FOUND_SHARE, "false_events": FALSE_EVENTS},
         "tolerance_m": TOLERANCE_M,
         "seed": plan.seed,
         "anomalies": anomalies,

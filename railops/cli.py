@@ -70,7 +70,7 @@ class _Parser(argparse.ArgumentParser):
     """A parser whose complaint is one sentence."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+        self.exit(2, _one_line(f"{self.prog}: {message} (see --help)") + "\n")
 
 
 class Commands:
@@ -90,6 +90,12 @@ class Commands:
         parser.add_argument("--json", action="store_true", help="print one JSON document")
         parser.set_defaults(run=run)
         return parser
+
+
+def _one_line(words: str, most: int = 400) -> str:
+    """A complaint on one line; what a file held in place of a number may be a megabyte long."""
+    line = " ".join(words.split())
+    return line if len(line) <= most else f"{line[: most - 100]} … {line[-97:]}"
 
 
 def json_ready(value: Any) -> Any:
@@ -125,11 +131,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(leave.code or 0)
     try:
         result: Result = parsed.run(parsed)
-    except RailOpsError as error:
-        print(f"railops {parsed.room} {parsed.command}: {error}", file=sys.stderr)
-        return 2
-    except OSError as error:
-        print(f"railops {parsed.room} {parsed.command}: {error}", file=sys.stderr)
+    except (RailOpsError, OSError) as error:
+        sentence = _one_line(f"railops {parsed.room} {parsed.command}: {error}")
+        print(sentence, file=sys.stderr)
         return 2
     if parsed.json:
         print(json.dumps(json_ready(result.document), ensure_ascii=False, allow_nan=False))

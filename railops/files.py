@@ -14,6 +14,35 @@ from railops.errors import DomainError, FileError
 Kind = TypeVar("Kind")
 
 
+class _Loader(yaml.SafeLoader):
+    """The safe loader without aliases: ten lines of them can stand for a billion values."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            event = self.peek_event()  # type: ignore[no-untyped-call]  # its stub has no types
+            words = f"the alias *{event.anchor} is not followed here: write the value out"
+            raise yaml.MarkedYAMLError(problem=words, problem_mark=event.start_mark)
+        return super().compose_node(parent, index)
+
+
+def parse_yaml(text: str) -> tuple[Any, yaml.Node | None]:
+    """What a YAML text holds, as plain values and as nodes that know their lines.
+
+    Raises:
+        yaml.YAMLError: whatever is wrong with the text: aliases, a nesting too deep to follow,
+            and tags on values they do not fit included.
+    """
+    try:
+        loader = _Loader(text)
+        root = loader.get_single_node()
+        return (None if root is None else loader.construct_document(root)), root
+    except RecursionError:
+        raise yaml.YAMLError("it is nested too deeply") from None
+    except (ValueError, TypeError, AttributeError, KeyError) as error:
+        # What the constructors raise for 2001-99-99, !!bool x, !!timestamp x and their like.
+        raise yaml.YAMLError(f"a value is not of its kind ({error})") from error
+
+
 def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
     """Read a YAML file that holds a mapping; ``what`` names it in messages ("train file").
 
@@ -21,7 +50,7 @@ def read_mapping(path: str | Path, what: str) -> dict[str, Any]:
         FileError: if it cannot be read or holds something else.
     """
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        data, _ = parse_yaml(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise FileError(f"cannot read {what} {path}: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):
@@ -55,10 +84,10 @@ def build(kind: type[Kind], data: Any, where: str) -> Kind:
     }
     try:
         return kind(**values)
-    except TypeError as error:
-        raise FileError(f"{where} is incomplete or mistyped: {error}") from error
     except DomainError as error:
         raise FileError(f"{where}: {error}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FileError(f"{where} is incomplete or mistyped: {error}") from error
 
 
 def _number(kind: Any, value: Any) -> Any:

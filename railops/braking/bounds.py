@@ -84,7 +84,7 @@ def trials_needed(p: float, confidence: float, exceedances: int = 0) -> int:
     values as written, so that no rounding of ``p`` or of the quotient shifts the integer.
 
     Args:
-        p: Exceedance probability to support, in (0, 1).
+        p: Exceedance probability to support, in [1e-30, 1).
         confidence: β in (0, 1).
         exceedances: r, exceedances allowed among the trials, >= 0.
 
@@ -95,7 +95,7 @@ def trials_needed(p: float, confidence: float, exceedances: int = 0) -> int:
         >>> trials_needed(1e-2, 0.9), trials_needed(1e-2, 0.99), trials_needed(1e-8, 0.9)
         (230, 459, 230258509)
     """
-    _check_probability("p", p)
+    check_range("p", p, 1e-30, 1.0 - 1e-12)  # 50 digits tell 1 − p from 1 down to there
     _check_confidence(confidence)
     check_range("exceedances", exceedances, 0, 10**9)
     if exceedances == 0:
@@ -228,12 +228,14 @@ def read_errors(path: str | Path) -> Array:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"cannot read error file {path}: {error}") from error
-    lines = text.splitlines()
-    rows = [
-        (number, [cell.strip() for cell in row])
-        for number, row in enumerate(csv.reader(lines), start=1)
-        if row and not row[0].lstrip().startswith("#")
-    ]
+    try:
+        rows = [
+            (number, [cell.strip() for cell in row])
+            for number, row in enumerate(csv.reader(text.splitlines()), start=1)
+            if row and not row[0].lstrip().startswith("#")
+        ]
+    except csv.Error as error:
+        raise FileError(f"cannot read error file {path}: {error}") from error
     if not rows:
         raise FileError(f"error file {path} holds no errors")
     names = rows[0][1]

@@ -46,8 +46,8 @@ class BrakingData:
         A_brake_service: The same for the full service brake.
         T_be: Equivalent build-up time of the emergency brake, s.
         T_bs: Equivalent build-up time of the service brake, s (T_bs1 = T_bs2).
-        Kdry_rst: Rolling-stock correction factor on dry rails, (0, 1].
-        Kwet_rst: Rolling-stock correction factor on wet rails, (0, 1].
+        Kdry_rst: Rolling-stock correction factor on dry rails, [0.01, 1].
+        Kwet_rst: Rolling-stock correction factor on wet rails, [0.01, 1].
         M_NVAVADH: Weighting of available adhesion, 0 … 1 (1: dry rails assumed).
         M_rotating: Rotating-mass share; None: 0.02 downhill and 0.15 uphill.
         A_est1: Acceleration that may persist until traction is cut off, m/s².
@@ -85,7 +85,7 @@ class BrakingData:
         for name in ("T_be", "T_bs", "T_traction", "T_driver", "T_warning"):
             check_range(name, getattr(self, name), 0.0, 120.0, "s")
         for name in ("Kdry_rst", "Kwet_rst"):
-            check_range(name, getattr(self, name), 0.0, 1.0, above=True)
+            check_range(name, getattr(self, name), 0.01, 1.0)
         check_range("M_NVAVADH", self.M_NVAVADH, 0.0, 1.0)
         check_range("A_est1", self.A_est1, 0.0, 5.0, "m/s²")
         check_range("A_est2", self.A_est2, 0.0, 0.4, "m/s²")

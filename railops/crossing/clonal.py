@@ -15,6 +15,7 @@ import numpy.typing as npt
 from railops.crossing.problem import Problem, Reaction, reaction_of
 from railops.crossing.situation import Array
 from railops.errors import check_range
+from railops.seeds import generator
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def solve(problem: Problem, seed: int, settings: Settings | None = None) -> Reac
         ((0.0,), (-10.0,), 0.000152)
     """
     chosen = settings or Settings()
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     span = problem.actions.high_kmh - problem.actions.low_kmh
     copies = np.maximum(chosen.clones // np.arange(1, chosen.selected + 1), 1)
     population = problem.newcomers(chosen.population, rng)

@@ -19,9 +19,9 @@ from railops.crossing.probability import Approach, collision_probability
 from railops.crossing.problem import BOTH_WAYS, SLOW_DOWN
 from railops.crossing.published import ANTIGENS, SELF
 from railops.crossing.rules import can_stop, clearance
-from railops.crossing.situation import DIMENSIONS, SPACE, Situation, as_points
+from railops.crossing.situation import DIMENSIONS, SPACE, Array, Situation, as_points
 from railops.crossing.units import Policy
-from railops.errors import FileError
+from railops.errors import DomainError, FileError
 
 HELP = "level crossings: recognise a dangerous situation, react, and exchange messages"
 
@@ -73,15 +73,22 @@ def _add_situation(add: object) -> None:
     add("situation", type=float, nargs=DIMENSIONS, metavar="NUMBER", help=_SITUATION)
 
 
+def _read_situations(path: Path) -> Array:
+    """Safe situations from a JSON list of lists of eight numbers, shape (N, 8)."""
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileError(f"cannot read safe situations {path}: {error}") from error
+    if not isinstance(rows, list):
+        raise FileError(f"{path} must hold a JSON list of situations")
+    try:
+        return as_points(rows)
+    except DomainError as error:
+        raise FileError(f"safe situations {path}: {error}") from error
+
+
 def _train(arguments: argparse.Namespace) -> Result:
-    safe = SELF
-    if arguments.safe is not None:
-        try:
-            safe = json.loads(arguments.safe.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise FileError(f"cannot read safe situations {arguments.safe}: {error}") from error
-        if not isinstance(safe, list):
-            raise FileError(f"{arguments.safe} must hold a JSON list of situations")
+    safe = SELF if arguments.safe is None else _read_situations(arguments.safe)
     if arguments.method == "v-detectors":
         detectors = vdetector.train(safe, arguments.seed)
     else:
@@ -89,7 +96,7 @@ def _train(arguments: argparse.Namespace) -> Result:
         detectors = negative.train(safe, arguments.seed, settings)
     Memory(arguments.memory).save(detectors)
     if arguments.drawing is not None:
-        projections.draw(arguments.drawing, detectors, as_points(safe), ANTIGENS)
+        projections.draw(arguments.drawing, detectors, safe, ANTIGENS)
     found = coverage.estimate(detectors, safe, arguments.seed)
     document = {
         "memory": str(arguments.memory),
@@ -179,12 +186,11 @@ def _experiment(arguments: argparse.Namespace) -> Result:
     document = {
         "seed": arguments.seed,
         "attempts": arguments.attempts,
-        "z_tests": {name: [asdict(row) for row in tables.z_tests(runs, name)] for name in methods},
+        "tables": tables.numbered(runs, arguments.seed),
         "comparisons": [
             asdict(row)
             for name in methods[1:]
             for row in tables.compare(runs, name, arguments.seed)
         ],
-        "published_means": tables.PUBLISHED_MEANS,
     }
     return Result(document, tables.text(runs, arguments.seed))

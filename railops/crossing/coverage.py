@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import numpy.typing as npt
 
 from railops.braking.bounds import largest_probability
 from railops.crossing.detectors import DetectorSet, coordinates, distances
 from railops.crossing.situation import Situation, as_points, random_situations
 from railops.errors import DomainError, check_range
+from railops.seeds import generator
 
 
 def interval(hits: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -74,7 +74,7 @@ def estimate(
     """
     check_range("samples", samples, 1, 1e8)
     kept = coordinates(as_points(safe), detectors.units)
-    drawn = random_situations(int(samples), np.random.default_rng(seed))
+    drawn = random_situations(int(samples), generator(seed))
     points = coordinates(drawn, detectors.units)
     outside = distances(points, kept).min(axis=1) > detectors.self_radius
     trials = int(outside.sum())

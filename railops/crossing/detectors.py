@@ -85,6 +85,8 @@ class DetectorSet:
             raise DomainError("centres and radii", shapes, f"(K, {DIMENSIONS}) and (K,)")
         if not (np.isfinite(centres).all() and (radii > 0.0).all() and np.isfinite(radii).all()):
             raise DomainError("detectors", "not all finite", "finite centres and radii above 0")
+        if self.units not in ("scaled", "raw"):
+            raise DomainError("units", self.units, "scaled or raw")
         check_range("self_radius", self.self_radius, 0.0, 1e4)
         object.__setattr__(self, "centres", centres)
         object.__setattr__(self, "radii", radii)

@@ -16,8 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from railops._extras import extra
 from railops.braking import Train
 from railops.braking.stopping import Motion, motion_of, runge_kutta, stop
@@ -26,6 +24,7 @@ from railops.crossing.geodesy import Position, offset
 from railops.crossing.rules import with_valve
 from railops.crossing.units import PERIOD_S, Area, CarUnit, Centre, Policy, Station, TrainUnit
 from railops.errors import FileError, MeasurementError, check_range
+from railops.seeds import generator
 from railops.traction import build_up
 
 CYCLE_S = 0.25
@@ -60,7 +59,7 @@ class Plan:
     @staticmethod
     def random(seed: int) -> Plan:
         """A train at 40 … 100 km/h from 2500 m; the car stalls at any time before it arrives."""
-        rng = np.random.default_rng([seed, 0])
+        rng = generator(seed, 0)
         speed = float(rng.uniform(40.0, 100.0)) / 3.6
         arrives = 2500.0 / speed
         return Plan(
@@ -171,7 +170,7 @@ def run(plan: Plan, link: Link, policy: Policy) -> tuple[Drive, tuple[Trace, ...
         MissingExtraError: if simpy is not installed.
     """
     env = extra("crossing", "simpy", "the exchange simulation").Environment()
-    bus = Bus(env, link, np.random.default_rng([plan.seed, 1]))
+    bus = Bus(env, link, generator(plan.seed, 1))
     world = _World(plan)
 
     def clock() -> float:
@@ -182,7 +181,7 @@ def run(plan: Plan, link: Link, policy: Policy) -> tuple[Drive, tuple[Trace, ...
     station = Station(ZONE, bus, graph, clock)
     car = CarUnit("100", bus, ZONE, clock)
     train = TrainUnit("10", bus, "5", policy, clock)
-    rng = np.random.default_rng([plan.seed, 2])
+    rng = generator(plan.seed, 2)
     errors: list[float] = []
     claimed: list[float] = []
 

@@ -9,6 +9,7 @@ import numpy as np
 from railops._extras import extra
 from railops.crossing.problem import TRAIN_CHANGE_WEIGHT, Problem, Reaction, reaction_of
 from railops.crossing.situation import Array
+from railops.seeds import generator
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def nsga2(problem: Problem, seed: int, population: int = 100, generations: int =
         def _evaluate(self, x: Array, out: dict[str, Array], *_: object, **__: object) -> None:
             out["F"] = np.column_stack(problem.evaluate(x))
 
-    start = problem.newcomers(population, np.random.default_rng(seed))
+    start = problem.newcomers(population, generator(seed))
     method = algorithm.NSGA2(pop_size=population, sampling=start)
     found = optimise.minimize(Both(), method, ("n_gen", generations), seed=seed, verbose=False)
     changes = np.atleast_2d(found.X)

@@ -8,6 +8,7 @@ import numpy as np
 
 from railops.crossing.problem import Problem, Reaction, reaction_of
 from railops.errors import check_range
+from railops.seeds import generator
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def solve(problem: Problem, seed: int, settings: Settings | None = None) -> Reac
         True
     """
     chosen = settings or Settings()
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     span = problem.actions.high_kmh - problem.actions.low_kmh
     count = chosen.population
     population = problem.newcomers(count, rng)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +28,17 @@ class Memory:
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
 
-    def _open(self, must_exist: bool) -> sqlite3.Connection:
+    @contextmanager
+    def _open(self, must_exist: bool) -> Iterator[sqlite3.Connection]:
+        """The open file, closed behind the block; what goes wrong there is a FileError."""
         if must_exist and not self._path.is_file():
             raise FileError(f"no immune memory at {self._path}: train one first")
         try:
-            connection = sqlite3.connect(self._path)
-            connection.executescript(_SCHEMA)
-        except sqlite3.Error as error:
+            with closing(sqlite3.connect(self._path)) as connection, connection:
+                connection.executescript(_SCHEMA)
+                yield connection
+        except (sqlite3.Error, ValueError, TypeError, KeyError) as error:
             raise FileError(f"cannot use {self._path} as immune memory: {error}") from error
-        return connection
 
     def save(self, detectors: DetectorSet) -> None:
         """Keep a detector set; the newest one is what :meth:`load` returns."""
@@ -47,7 +49,7 @@ class Memory:
             "units": detectors.units,
         }
         row = (json.dumps(about), detectors.centres.tobytes(), detectors.radii.tobytes())
-        with closing(self._open(must_exist=False)) as connection, connection:
+        with self._open(must_exist=False) as connection:
             connection.execute(
                 "INSERT INTO detector_set (about, centres, radii) VALUES (?, ?, ?)", row
             )
@@ -58,15 +60,15 @@ class Memory:
         Raises:
             FileError: if the file is missing, no immune memory, or holds no detectors.
         """
-        with closing(self._open(must_exist=True)) as connection:
+        with self._open(must_exist=True) as connection:
             row = connection.execute(
                 "SELECT about, centres, radii FROM detector_set ORDER BY id DESC LIMIT 1"
             ).fetchone()
-        if row is None:
-            raise FileError(f"{self._path} holds no detectors: train some first")
-        radii = np.frombuffer(row[2], dtype=np.float64)
-        centres = np.frombuffer(row[1], dtype=np.float64).reshape(len(radii), -1)
-        return DetectorSet(centres, radii, **json.loads(row[0]))
+            if row is not None:
+                radii = np.frombuffer(row[2], dtype=np.float64)
+                centres = np.frombuffer(row[1], dtype=np.float64).reshape(len(radii), -1)
+                return DetectorSet(centres, radii, **json.loads(row[0]))
+        raise FileError(f"{self._path} holds no detectors: train some first")
 
     def remember(
         self, situations: Array, detectors: Sequence[int], reactions: Sequence[str]
@@ -84,16 +86,16 @@ class Memory:
                 as_points(situations), detectors, reactions, strict=True
             )
         ]
-        with closing(self._open(must_exist=False)) as connection, connection:
+        with self._open(must_exist=False) as connection:
             connection.executemany(
                 "INSERT INTO caught (detector, situation, reaction) VALUES (?, ?, ?)", rows
             )
 
     def caught(self) -> tuple[Array, tuple[int, ...], tuple[str, ...]]:
         """Everything remembered: situations (N, 8), detector numbers, reactions."""
-        with closing(self._open(must_exist=True)) as connection:
+        with self._open(must_exist=True) as connection:
             rows = connection.execute(
                 "SELECT situation, detector, reaction FROM caught ORDER BY id"
             ).fetchall()
-        points = as_points([json.loads(row[0]) for row in rows])
+            points = as_points([json.loads(row[0]) for row in rows])
         return points, tuple(row[1] for row in rows), tuple(row[2] for row in rows)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from railops.crossing.detectors import DetectorSet, Units, coordinates, distances, extent
 from railops.crossing.situation import DIMENSIONS, Array, Situation, as_points
 from railops.errors import DomainError, check_range
+from railops.seeds import generator
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def train(
     if len(points) == 0:
         raise DomainError("safe", "no situations", "at least one safe situation to learn from")
     kept = coordinates(points, settings.units)
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     centres, radii = _random(settings.detectors, settings, rng)
     for generation in range(settings.generations):
         if generation:

@@ -16,6 +16,7 @@ import numpy as np
 from railops.crossing.problem import Problem, Reaction, reaction_of
 from railops.crossing.situation import Array
 from railops.errors import check_range
+from railops.seeds import generator
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def solve(problem: Problem, seed: int, settings: Settings | None = None) -> Reac
         True
     """
     chosen = settings or Settings()
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     inputs = inputs_of(problem)
     weights = np.zeros((len(inputs), problem.size))
     changes = problem.clip(inputs @ weights)

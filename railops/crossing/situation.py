@@ -7,6 +7,7 @@ a metre of distance and a kilometre per hour of speed can be compared at all.
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
@@ -121,10 +122,10 @@ def as_points(situations: Iterable[Situation] | npt.ArrayLike) -> Array:
     """
     if not isinstance(situations, np.ndarray):
         rows = [
-            item.array() if isinstance(item, Situation) else np.asarray(item, dtype=np.float64)
-            for item in situations  # type: ignore[union-attr]  # iterating an ArrayLike list
+            item.array() if isinstance(item, Situation) else _row(number, item)
+            for number, item in enumerate(situations)  # type: ignore[arg-type]  # an ArrayLike list
         ]
-        situations = np.array(rows, dtype=np.float64) if rows else np.empty((0, DIMENSIONS))
+        situations = np.array(rows) if rows else np.empty((0, DIMENSIONS))
     points = np.asarray(situations, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != DIMENSIONS:
         raise DomainError("situations", f"an array of shape {points.shape}", "shape (N, 8)")
@@ -134,6 +135,17 @@ def as_points(situations: Iterable[Situation] | npt.ArrayLike) -> Array:
         axis = SPACE[column]
         check_range(f"{axis.name} of situation {row}", points[row, column], axis.low, axis.high)
     return points
+
+
+def _row(number: int, values: object) -> Array:
+    """One row of a list as it may come from a file: eight numbers, and nothing else."""
+    try:
+        row = np.asarray(values)
+    except ValueError:  # lists of unequal lengths
+        row = np.empty(0)
+    if row.shape != (DIMENSIONS,) or row.dtype.kind not in "iuf":
+        raise DomainError(f"situation {number}", reprlib.repr(values), "eight numbers")
+    return row.astype(np.float64)
 
 
 def scaled(points: Array) -> Array:

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,7 @@ from scipy import stats
 
 from railops.crossing.experiment import Run
 from railops.errors import EvidenceError
+from railops.seeds import generator
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +37,14 @@ PUBLISHED_MEANS: dict[str, tuple[float, float, float]] = {
     "machine time, s": (0.35433, 0.34762, 0.15961),
 }
 """Tables 4.4 and 4.5: means of immune, genetic and neural methods."""
+
+PUBLISHED_DEVIATIONS: dict[str, tuple[float, float, float]] = {
+    "target function": (0.00011, 0.00088, 0.00024),
+    "collision probability": (8e-5, 3e-4, 8e-5),
+    "train speed change, km/h": (0.00382, 0.06417, 0.01378),
+    "machine time, s": (0.01604, 0.01495, 0.00634),
+}
+"""Tables 4.6 and 4.7: standard deviations, in the same order."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +136,7 @@ def compare(
     Raises:
         EvidenceError: if either method has no runs.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     rows = []
     for criterion in CRITERIA:
         mine, other = values(runs, ours, criterion), values(runs, rival, criterion)
@@ -136,7 +146,6 @@ def compare(
         same = bool(np.all(np.abs(apart) < 1e-12))
         p = 1.0 if same else float(stats.wilcoxon(apart, method="approx").pvalue)
         mean, rival_mean = float(mine.mean()), float(other.mean())
-        percent = 100.0 * (rival_mean - mean) / mean if mean > 0.0 else math.nan
         deviations = [
             float(item.std(axis=1, ddof=1).mean()) if item.shape[1] > 1 else math.nan
             for item in (mine, other)
@@ -147,7 +156,7 @@ def compare(
                 rival,
                 mean,
                 rival_mean,
-                percent,
+                _percent(mean, rival_mean),
                 deviations[0],
                 deviations[1],
                 float(low),
@@ -156,6 +165,47 @@ def compare(
             )
         )
     return rows
+
+
+def numbered(runs: Sequence[Run], seed: int) -> dict[str, list[dict[str, Any]]]:
+    """Tables 4.1 to 4.7 by their numbers, each row of 4.4 to 4.7 with what the thesis printed.
+
+    The methods are numbered as they first appear in ``runs``, clonal selection first: its rivals'
+    tables are 4.2, 4.4 and 4.6, then 4.3, 4.5 and 4.7.
+    """
+    methods = list(dict.fromkeys(run.method for run in runs))
+    result = {
+        f"4.{number}": [asdict(row) for row in z_tests(runs, method)]
+        for number, method in enumerate(methods, start=1)
+    }
+    for place, rival in enumerate(methods[1:], start=1):
+        means: list[dict[str, Any]] = []
+        deviations: list[dict[str, Any]] = []
+        result[f"4.{3 + place}"], result[f"4.{5 + place}"] = means, deviations
+        for row in compare(runs, rival, seed, methods[0]):
+            for table, mine, other, printed in (
+                (means, row.mean, row.rival_mean, PUBLISHED_MEANS),
+                (deviations, row.deviation, row.rival_deviation, PUBLISHED_DEVIATIONS),
+            ):
+                known = printed[row.criterion]
+                table.append(
+                    {
+                        "criterion": row.criterion,
+                        "rival": rival,
+                        "immune": mine,
+                        "other": other,
+                        "difference_percent": _percent(mine, other),
+                        "published_immune": known[0],
+                        "published_other": known[place],
+                        "published_percent": _percent(known[0], known[place]),
+                    }
+                )
+    return dict(sorted(result.items()))
+
+
+def _percent(ours: float, rival: float) -> float:
+    """(rival − ours) / ours, %, the thesis's last column; NaN where ours is 0."""
+    return 100.0 * (rival - ours) / ours if ours > 0.0 else math.nan
 
 
 def text(runs: Sequence[Run], seed: int) -> str:

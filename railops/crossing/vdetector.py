@@ -20,6 +20,7 @@ from railops.crossing.coverage import trials_in_a_row
 from railops.crossing.detectors import DetectorSet, Units, coordinates, extent
 from railops.crossing.situation import DIMENSIONS, Array, Situation, as_points
 from railops.errors import DomainError, check_range
+from railops.seeds import generator
 
 _BATCH = 256
 _MOST_BATCHES = 4_000
@@ -78,7 +79,7 @@ def train(
         raise DomainError("safe", "no situations", "at least one safe situation to learn from")
     kept = coordinates(points, chosen.units)
     tree = KDTree(kept)
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     far = extent(chosen.units)
     enough = trials_in_a_row(chosen.coverage, chosen.confidence)
     centres, radii = np.empty((chosen.detectors, DIMENSIONS)), np.empty(chosen.detectors)

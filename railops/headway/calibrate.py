@@ -23,6 +23,7 @@ from railops.headway.protection import TrackCircuits
 from railops.headway.regulator import Regulator
 from railops.headway.section import Dwell, Section
 from railops.headway.stock import Stock
+from railops.seeds import generator
 from railops.traction import Davis, Effort
 
 Array = npt.NDArray[np.float64]
@@ -252,7 +253,7 @@ def calibrate(
     found = differential_evolution(
         problem.cost,
         Bounds(box[:, 0], box[:, 1]),
-        rng=np.random.default_rng(seed),
+        rng=generator(seed),
         popsize=10,
         maxiter=generations,
         tol=1e-3,

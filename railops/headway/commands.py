@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from railops.cli import Commands, Result
-from railops.errors import DomainError, FileError
+from railops.errors import DomainError, FileError, check_range
 from railops.headway import draw
 from railops.headway.animate import animation
 from railops.headway.calibrate import BOUNDS, METRO_CODES_KMH, Unknowns, calibrate
@@ -121,6 +121,7 @@ def _characteristic(arguments: argparse.Namespace) -> Result:
         if arguments.dwell is not None:
             raise DomainError("--probability", arguments.probability, "no --dwell beside it")
         dwell = section.dwell.quantile_s(arguments.probability)
+    check_range("dwell_s", dwell, 0.0, 86_400.0, "s")
     times, fresh = arguments.run_times, True
     if arguments.store:
         with Store(arguments.store) as store:

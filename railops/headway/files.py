@@ -29,6 +29,7 @@ from typing import Any
 import yaml
 
 from railops.errors import DomainError, FileError
+from railops.files import parse_yaml
 from railops.headway.protection import FixedBlock, MovingBlock, Protection, TrackCircuits
 from railops.headway.section import Dwell, Section
 from railops.headway.stock import Stock
@@ -46,8 +47,7 @@ def load_yaml(path: str | Path) -> tuple[dict[str, Any], Marks]:
     """Read a YAML mapping and the line each of its places is on (``"a.b[2]"`` → line)."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-        data = yaml.safe_load(text)
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        data, root = parse_yaml(text)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise FileError(f"cannot read {path}: {' '.join(str(error).split())}") from error
     if not isinstance(data, dict):

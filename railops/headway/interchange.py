@@ -209,7 +209,7 @@ def osrd_section(
     try:
         data = json.loads(Path(path).read_text(encoding="utf-8"))
         by_id = {str(item["id"]): item for item in data["track_sections"]}
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise FileError(f"cannot read {path} as RailJSON infrastructure: {error}") from error
     laid, total = [], 0.0
     for name in tracks:

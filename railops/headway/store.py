@@ -75,6 +75,8 @@ class Store:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+        if isinstance(error, sqlite3.Error):  # a database of another make
+            raise FileError(f"the database of sections cannot be used: {error}") from error
 
     def close(self) -> None:
         """Close the database."""

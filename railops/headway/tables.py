@@ -10,6 +10,7 @@ import numpy as np
 from railops.errors import FileError
 from railops.headway.characteristic import Characteristic
 
+_LONGEST_S = 86_400.0
 COLUMNS = ("interval_s", "run_s", "front_run_s", "dwell_s")
 
 
@@ -62,11 +63,14 @@ def read_csv(path: str | Path) -> Characteristic:
                     raise FileError(
                         f"{path}, line {reader.line_num}: {list(row.values())} are not all numbers"
                     ) from None
-                if not (interval > 0.0 and run > 0.0 and front > 0.0 and dwell >= 0.0):
-                    raise FileError(f"{path}, line {reader.line_num}: times must be positive")
+                possible = all(time < _LONGEST_S for time in (interval, run, front, dwell))
+                if not (possible and min(interval, run, front) > 0.0 and dwell >= 0.0):
+                    raise FileError(
+                        f"{path}, line {reader.line_num}: times must be positive and below a day"
+                    )
                 rows.append((run, front, interval))
                 dwells.add(dwell)
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"cannot read {path}: {error}") from error
     if not rows:
         raise FileError(f"{path} has no rows below its header")

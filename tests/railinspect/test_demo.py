@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from railinspect import cli
-from railinspect.demo import judge, place_m, run_demo
+from railinspect.demo import Judgement, judge, place_m, run_demo
 from railinspect.errors import OutputError
 from railinspect.labels import RAILS
 from railinspect.ride_file import RidePlan
@@ -84,6 +84,46 @@ def test_perfect_events_are_all_found(places):
     assert counts(judge(truth, events, SPEED)) == (len(truth), 0, 0, 0)
 
 
+def test_the_bar_is_nine_of_ten_and_one_false_event():
+    def passed(found, missed, false, confused=0):
+        pair = ({}, {})
+        return Judgement((pair,) * found, (pair,) * confused, ({},) * missed, ({},) * false).passed
+
+    assert passed(9, 1, 1)
+    assert passed(10, 1, 0)  # the demo's eleven
+    assert not passed(9, 2, 0)
+    assert not passed(8, 2, 0)
+    assert not passed(9, 0, 0, confused=2)  # misnamed is not found
+    assert not passed(10, 0, 2)
+
+
+@pytest.mark.parametrize(("passed", "status"), [(True, 0), (False, 1)])
+@pytest.mark.parametrize("as_json", [True, False])
+def test_a_demo_below_its_bar_exits_with_one(
+    passed, status, as_json, tmp_path, monkeypatch, capsys
+):
+    document = {
+        "anomalies": [],
+        "false": [],
+        "found": 0,
+        "planted": 0,
+        "missed": 0,
+        "false_events": 0,
+        "frames": 1,
+        "frames_per_s": 1.0,
+        "paths": {},
+        "passed": passed,
+        "bar": {"found_share": 0.9, "false_events": 1},
+    }
+    monkeypatch.setattr("railinspect.cli._segmenter", lambda options: None)
+    monkeypatch.setattr("railinspect.cli._print_paths", lambda paths: None)
+    monkeypatch.setattr("railinspect.demo.run_demo", lambda *args, **rest: document)
+    command = ["demo", "--out", str(tmp_path / "x"), *(["--json"] if as_json else [])]
+    assert cli.main(command) == status
+    printed = capsys.readouterr().out
+    assert ("below the bar: 90 % found, at most 1 false" in printed) == (not passed and not as_json)
+
+
 PLAN = RidePlan(
     3,
     demo_settings((640, 360)),
@@ -131,6 +171,7 @@ def test_the_demo_renders_inspects_and_judges(tmp_path, monkeypatch, capsys):
     assert document["found"] + document["missed"] == 2
     assert document["found"] == 2
     assert document["false_events"] <= 1
+    assert document["passed"] is True
     assert document["frames"] == 84
     assert document["frames_per_s"] > 0
     assert len(document["anomalies"]) == 2

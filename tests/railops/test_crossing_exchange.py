@@ -324,7 +324,10 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["crossing", "simulate", "--drives", "2", "--record", record, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["unreported"] == 0
     assert cli.main(["crossing", "experiment", "--attempts", "1", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["comparisons"]) == 8
+    document = json.loads(capsys.readouterr().out)
+    assert len(document["comparisons"]) == 8
+    assert list(document["tables"]) == [f"4.{number}" for number in range(1, 8)]
+    assert [len(rows) for rows in document["tables"].values()] == [20, 20, 20, 4, 4, 4, 4]
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -335,3 +338,76 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
     missing = str(tmp_path / "none.db")
     assert cli.main(["crossing", "assess", *SITUATION, "--memory", missing]) == 2
     assert "train one first" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["train", "MEMORY"],
+        ["react", *SITUATION],
+        ["simulate", "--drives", "1"],
+        ["experiment", "--attempts", "1"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_seed_below_zero_is_one_sentence(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [str(tmp_path / "m.db") if word == "MEMORY" else word for word in command]
+    assert cli.main(["crossing", *words, "--seed", "-1"]) == 2
+    assert "seed is -1; expected a whole number in [0, 2^63]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        "[[1, 2], [3]]",
+        "[null]",
+        '[{"a": 1}]',
+        '[["80", "40", "0", "0", "1000", "500", "20", "50"]]',
+        "[[NaN, 0, 0, 0, 0, 0, 0, 0]]",
+        f"[[1{'0' * 400}, 0, 0, 0, 0, 0, 0, 0]]",
+        f"[[{'1' * 5000}, 0, 0, 0, 0, 0, 0, 0]]",
+        "[" * 100_000,
+        "[" * 900 + "]" * 900,
+    ],
+    ids=range(11),
+)
+def test_safe_situations_that_are_none_are_one_sentence(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "safe.json"
+    path.write_text(text)
+    assert cli.main(["crossing", "train", str(tmp_path / "m.db"), "--safe", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "safe.json" in said
+
+
+@pytest.mark.parametrize(
+    ("about", "centres", "radii"),
+    [
+        ("nonsense", b"", b""),
+        ("[1]", bytes(64), bytes(8)),
+        ('{"method": "x", "seed": 1}', bytes(64), bytes(8)),
+        ('{"self_radius": 0.2, "method": "x", "seed": 1}', bytes(63), bytes(8)),
+        ('{"self_radius": 0.2, "method": "x", "seed": 1}', bytes(64), bytes(8)),
+        ('{"self_radius": 0.2, "method": "x", "seed": 1, "units": "x"}', bytes(64), b"\x01" * 8),
+        ("{}", "text", 7),
+    ],
+    ids=range(7),
+)
+def test_a_spoilt_memory_is_one_sentence(
+    about: str, centres: object, radii: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "immune.db"
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("CREATE TABLE detector_set (id INTEGER, about, centres, radii)")
+        row = (1, about, centres, radii)
+        connection.execute("INSERT INTO detector_set VALUES (?, ?, ?, ?)", row)
+    assert cli.main(["crossing", "assess", *SITUATION, "--memory", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "as immune memory" in said

@@ -210,6 +210,22 @@ def test_tables_of_a_short_plan() -> None:
     assert all(row.improved and row.low <= row.high < row.tested for row in rows)
     criteria = [row.criterion for row in tables.compare(runs, "genetic algorithm", seed=0)]
     assert criteria == list(tables.CRITERIA)
+    numbered = tables.numbered(runs, seed=0)
+    for table, rival, percents in (  # the thesis's last columns
+        ("4.4", "genetic algorithm", [708.40, 280.23, 1579.87, -1.89]),
+        ("4.5", "self-training perceptron", [121.01, 2.33, 260.64, -54.95]),
+        ("4.6", "genetic algorithm", [700.00, 275.00, 1579.84, -6.80]),
+        ("4.7", "self-training perceptron", [118.18, 0.00, 260.73, -60.47]),
+    ):
+        rows = {row["criterion"]: row for row in numbered[table]}
+        assert list(rows) == list(tables.CRITERIA)
+        printed = [row["published_percent"] for row in rows.values()]
+        assert printed == pytest.approx(percents, abs=0.02)
+        left = tables.values(runs, rival, "collision probability")
+        mean = left.mean() if table < "4.6" else left.std(axis=1, ddof=1).mean()
+        assert rows["collision probability"]["other"] == pytest.approx(mean)
+        assert rows["collision probability"]["rival"] == rival
+    assert numbered["4.2"][0]["tested"] == runs[0].before
     shown = tables.text(runs, 0)
     assert shown.count("4 of 4 improved") == len(METHODS)
     assert "± 0 (0.00086)" in shown  # clonal selection finds the same answer; the thesis's mean

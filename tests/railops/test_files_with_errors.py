@@ -1,6 +1,7 @@
 """Files spoilt in every way a hand or a program can: read, or refused in one sentence, no crash."""
 
 import copy
+import itertools
 import json
 import math
 import random
@@ -8,6 +9,8 @@ import random
 import pytest
 import yaml
 
+from railops import cli
+from railops.braking import Policy, Train
 from railops.errors import FileError
 from railops.headway import load_section
 from railops.headway.interchange import osrd_section, railtoolkit_path, railtoolkit_train
@@ -122,3 +125,65 @@ def test_a_spoilt_file_is_read_or_refused_in_one_sentence(name, tmp_path):
             refusals.append(str(error))
     assert len(refusals) > 20
     assert all("\n" not in words and "input.yaml" in words for words in refusals)
+
+
+def read_train(path):
+    return Train.load(path, 20.0)
+
+
+SETTINGS = {
+    "section": load_section,
+    "line": load_line,
+    "railtoolkit path": railtoolkit_path,
+    "route": read_route,
+    "train": read_train,
+    "policy": Policy.load,
+}
+ALIASES = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]\n"
+    for old, new in itertools.pairwise("abcdefghij")
+)
+HOSTILE = {
+    "nothing": "",
+    "a list": "[1, 2]",
+    "no text": "\0",
+    "a billion values": ALIASES,
+    "a list within itself": "a: &a [*a]",
+    "a deep nest": "a: " + "[" * 20_000,
+    "no date": "a: 2001-99-99",
+    "no truth": "a: !!bool x",
+    "no time": "a: !!timestamp x",
+    "no number": "a: !!int x",
+    "a number of 5000 digits": "a: " + "1" * 5000,
+    "a program": "a: !!python/object/apply:os.system ['true']",
+}
+
+
+@pytest.mark.parametrize("kind", SETTINGS)
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_text_is_refused_in_one_sentence(name, kind, tmp_path):
+    path = tmp_path / "input.yaml"
+    path.write_text(HOSTILE[name], encoding="utf-8")
+    with pytest.raises(FileError, match=r"input\.yaml") as caught:
+        SETTINGS[kind](path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_value_of_any_size_in_a_train_file_is_refused(tmp_path):
+    path = tmp_path / "input.yaml"
+    path.write_text("mass_t: 0x" + "f" * 5000, encoding="utf-8")
+    with pytest.raises(FileError, match=r"input\.yaml"):
+        read_train(path)
+    path.write_text("length_m: 0x" + "f" * 5000, encoding="utf-8")
+    with pytest.raises(FileError, match=r"incomplete or mistyped"):
+        read_train(path)
+
+
+def test_a_complaint_is_one_line_of_a_readable_length(tmp_path, capsys):
+    path = tmp_path / "line.yaml"
+    path.write_text("sections: [moscow]\ntrains: [" + "x" * 5000 + "]", encoding="utf-8")
+    assert cli.main(["headway", "line", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert len(said) <= 401
+    assert "expected a mapping" in said

@@ -154,6 +154,8 @@ def test_tables_round_trip(tmp_path):
         ("a,b\n1,2\n", "line 1: missing columns"),
         ("interval_s,run_s,front_run_s,dwell_s\n1,2,x,4\n", "line 2: .* are not all numbers"),
         ("interval_s,run_s,front_run_s,dwell_s\n-1,2,3,4\n", "line 2: times must be positive"),
+        ("interval_s,run_s,front_run_s,dwell_s\n90,inf,3,4\n", "line 2: times must be positive"),
+        ("interval_s,run_s,front_run_s,dwell_s\n90,nan,3,4\n", "line 2: times must be positive"),
         ("interval_s,run_s,front_run_s,dwell_s\n", "has no rows"),
         ("interval_s,run_s,front_run_s,dwell_s\n9,2,3,4\n9,2,4,5\n", "mixes dwells"),
     ],
