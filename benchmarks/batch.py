@@ -28,6 +28,7 @@ from railinspect.fleet.tasks import Cut
 from railinspect.fleet.worker import BundleLoader
 from railinspect.ride_file import RidePlan, rendered
 from railinspect.scenes import demo_settings
+from railinspect.scenes.ride import DEMO_LEAD_M
 from railinspect.video import open_source
 from railinspect.warmup import warm_up
 from railops.braking import Train
@@ -79,8 +80,8 @@ def ride_clip(path: Path, seed: int, seconds: float) -> Path:
     """A rendered ride of ten pictures a second, every picture shown."""
     import av
 
-    count = int(seconds / 8)
-    mode: Literal["clear", "demo"] = "demo" if count else "clear"
+    count = int((20.0 * seconds - 2 * DEMO_LEAD_M) / 60)
+    mode: Literal["clear", "demo"] = "demo" if count > 0 else "clear"
     plan = RidePlan(seed, demo_settings(), 20.0, seconds, 10.0, mode, max(count, 1))
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=10)

@@ -131,8 +131,8 @@ def inspect_fleet(
     The results do not depend on the engine, the number of workers, or the order of the inputs.
 
     Args:
-        inputs: Files, folders, globs, lists and addresses, see :func:`railinspect.fleet.inputs
-            .expand`.
+        inputs: Files, folders, globs, lists and addresses, as
+            :func:`railinspect.fleet.inputs.expand` takes them.
         out: The run folder, new or of the same run.
         load: Makes a worker's segmenter; has to be picklable for other engines than "serial".
         settings: How to inspect.
