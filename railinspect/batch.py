@@ -16,8 +16,10 @@ from railinspect.camera import Camera
 from railinspect.errors import BadInputError, OutputError
 from railinspect.events import Event, EventSettings
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
+from railinspect.ranging.stereo_camera import StereoCamera
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
+from railinspect.right_pictures import RightPictures
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
@@ -42,6 +44,8 @@ class InspectSettings:
         events: When findings become an event; a single image uses ``EventSettings.still()``.
         folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
         overlay: Whether to write the overlay video.
+        right: The right-hand recording of a rectified stereo pair; fits one input.
+        stereo: The pair's calibration; needed with ``right``.
     """
 
     camera: Camera | None = None
@@ -53,6 +57,8 @@ class InspectSettings:
     events: EventSettings = field(default_factory=EventSettings)
     folder_rate_hz: float | None = None
     overlay: bool = True
+    right: Path | None = None
+    stereo: StereoCamera | None = None
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,10 @@ class Progress:
 
 @dataclass
 class InputSummary:
-    """What one input gave; counts are frames, times are media seconds."""
+    """What one input gave; counts are frames, times are media seconds.
+
+    ``camera_drift`` is the last alarm about the camera, ``drift_frames`` how many frames had one.
+    """
 
     name: str
     path: str
@@ -87,6 +96,8 @@ class InputSummary:
     unknown_frames: int = 0
     followed_frames: int = 0
     speed_unknown_frames: int = 0
+    drift_frames: int = 0
+    camera_drift: str | None = None
     first_time_s: float | None = None
     last_time_s: float | None = None
     events: int = 0
@@ -146,6 +157,7 @@ class RunSummary:
             "followed_fraction": round(self.followed_fraction, 4),
             "unknown_frames": self.unknown_frames,
             "speed_unknown_frames": sum(one.speed_unknown_frames for one in self.inputs),
+            "drift_frames": sum(one.drift_frames for one in self.inputs),
             "finding_frames": sum(one.finding_frames for one in self.inputs),
             "events": self.events,
             "breaks": sum(one.break_count for one in self.inputs),
@@ -193,6 +205,15 @@ def inspect_inputs(
     """
     settings = settings or InspectSettings()
     paths = [Path(one) for one in inputs]
+    if settings.right is not None:
+        if len(paths) > 1:
+            raise BadInputError(
+                f"the right-hand recording {settings.right} fits one input, not {len(paths)}; "
+                "inspect them one by one"
+            )
+        if settings.stereo is None:
+            raise BadInputError("a right-hand recording needs the stereo pair's calibration")
+        open_source(settings.right, settings.folder_rate_hz).close()
     for path in paths[1:]:
         open_source(path, settings.folder_rate_hz).close()
     first = open_source(paths[0], settings.folder_rate_hz)
@@ -293,6 +314,7 @@ class _Run:
             speed_log=self._settings.speed_log,
             speed_is_known=self._settings.speed_is_known,
             first_event_id=self._next_id,
+            stereo=self._settings.stereo,
             steps=self._steps,
         )
         began_s, before_s = time.perf_counter(), self._seconds
@@ -304,8 +326,10 @@ class _Run:
                 stack.callback(overlay.close)
             stack.callback(self._end_input, inspector, summary, source)
             frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
+            right = self._right(stack)
             for frame, segmentation in frames:
-                record = inspector.feed(frame, segmentation)
+                beside = right.at(frame.time_s) if right is not None else None
+                record = inspector.feed(frame, segmentation, beside)
                 self._count(summary, record)
                 self._frames_file.write({"input": name, **record.as_json()})
                 self._write_events(inspector.take_ended(), summary)
@@ -318,6 +342,11 @@ class _Run:
                 if progress is not None:
                     progress(Progress(name, self._frames, self._share(source, summary)))
         self._seconds = before_s + time.perf_counter() - began_s
+
+    def _right(self, stack: ExitStack) -> RightPictures | None:
+        if self._settings.right is None:
+            return None
+        return stack.enter_context(closing(RightPictures(self._open(self._settings.right))))
 
     def _share(self, source: Source, summary: InputSummary) -> float | None:
         """Share done: by media time where a duration is announced, else by frames."""
@@ -345,6 +374,8 @@ class _Run:
         summary.unknown_frames += record.status == "unknown"
         summary.followed_frames += record.followed
         summary.speed_unknown_frames += record.speed_mps is None
+        summary.drift_frames += record.camera_drift is not None
+        summary.camera_drift = record.camera_drift or summary.camera_drift
         if summary.first_time_s is None:
             summary.first_time_s = record.time_s
         summary.last_time_s = record.time_s

@@ -98,6 +98,12 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
             f"The speed log says nothing about {_count(counts['speed_unknown_frames'], 'frame')}: "
             "what was seen there is advised on as in doubt."
         )
+    for one in run["inputs"]:
+        if one["drift_frames"]:
+            notes.append(
+                f"{escape(one['name'])}: {escape(one['camera_drift'])}. Said in "
+                f"{_count(one['drift_frames'], 'frame')}; ranges there may be off by as much."
+            )
     if counts["breaks"]:
         notes.append(f"Reading failed in {_count(counts['breaks'], 'place')}, listed below.")
     if not counts["complete"]:
