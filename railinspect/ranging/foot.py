@@ -94,9 +94,9 @@ def _refined(
     # A foot is rather cut off too high (shoes, shade) than too low.
     up = min(int(0.12 * metre + 2.0 * cell), int(0.5 * tall))
     first = max(2, int(v) - up)
-    last = min(rows - 3, int(v) + int(round(0.45 * metre + 3.0 * cell)))
+    last = min(rows - 3, int(v) + round(0.45 * metre + 3.0 * cell))
     half = max(min(0.25 * metre, 0.5 * (right - left)), 2.0)
-    c0, c1 = max(1, int(round(u - half))), min(cols - 1, int(round(u + half)) + 1)
+    c0, c1 = max(1, round(u - half)), min(cols - 1, round(u + half) + 1)
     gap, beside = int(max(3.0, 0.12 * metre)), int(max(6.0, 0.6 * metre))
     l1 = max(1, int(left) - gap)
     l0 = max(1, l1 - beside)
