@@ -132,6 +132,7 @@ def _one_ride(seed: int, bundle: bool) -> tuple[int, list[_Seen], list[_Seen]]:
     """Things in sight, and what true masks and the bundle say of them."""
     ride = _ride(seed)
     present, by_truth, by_bundle = 0, [], []
+    nearest, farthest = BANDS_M[0][0], BANDS_M[-1][1]
     for number, planted in enumerate(ride.planted):
         if planted.type == "distortion":
             continue
@@ -141,9 +142,7 @@ def _one_ride(seed: int, bundle: bool) -> tuple[int, list[_Seen], list[_Seen]]:
                 continue
             frame = ride.frame(index)
             present += sum(
-                o.on_track
-                and o.type != "distortion"
-                and BANDS_M[0][0] <= o.range_m < BANDS_M[-1][1]
+                o.on_track and o.type != "distortion" and nearest <= o.range_m < farthest
                 for o in frame.objects
             )
             for masks, out in ((_Masks(False), by_truth), (_Masks(True), by_bundle)):
