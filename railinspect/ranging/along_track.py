@@ -39,6 +39,8 @@ class RangingSettings:
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
+        foot_seen_px: The same where the picture is finer than the masks and shows the foot,
+        foot_unseen_px: and where it is finer but does not: shadows and shins are taken for it.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
         stands_on_m: Height of what all things stand on against the rail tops, metres, where that
@@ -52,6 +54,8 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
+    foot_seen_px: float = 1.2
+    foot_unseen_px: float = 2.5
     foot_along_m: float = 0.07
     stands_on_m: float | None = None
     extent_std_px: float = 1.5
@@ -69,7 +73,7 @@ class RangingSettings:
             foot_std_px=0.45 * pixel,
             extent_std_px=pixel,
             least_spacing_px=3.5 * pixel,
-            scale=ScaleSettings(spacing_std_px=0.42 * pixel),
+            scale=ScaleSettings(spacing_std_px=0.5 * pixel),
         )
 
 
@@ -163,31 +167,31 @@ class FrameRanging:
                 f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
             )
         metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
-        refined = self._in_picture(finding, metre)
-        if refined is not None:
-            finding = refined
-            plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+        foot_std_px = settings.foot_std_px * px
+        if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
+            row = self._row_in_picture(finding, metre)
+            foot_std_px = (settings.foot_unseen_px if row is None else settings.foot_seen_px) * px
+            if row is not None:
+                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
+                plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
             level, level_std = self._level(finding, metre)
-        plane = self._by_plane(plane_m, level, level_std)
-        gauge = self._by_gauge(finding, level, level_std)
+        plane = self._by_plane(plane_m, level, level_std, foot_std_px)
+        gauge = self._by_gauge(finding, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
         size = None if gauge is None else self._by_size(finding)
         return [e for e in (gauge, plane, size) if e is not None]
 
-    def _in_picture(self, finding: Finding, metre_px: float) -> Finding | None:
-        """The finding with its foot as the picture shows it; None where the masks are as good."""
+    def _row_in_picture(self, finding: Finding, metre_px: float) -> float | None:
+        """Row of the foot as the picture shows it; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
-        if self._rgb.shape[1] < COARSE_PX or self._class_of(finding) in WHEELED:
+        if self._class_of(finding) in WHEELED:
             return None  # between the wheels the body ends above the ground
-        row = refine_foot(self._rgb, self._labels, finding, metre_px)
-        if row is None:
-            return None
-        return replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
+        return refine_foot(self._rgb, self._labels, finding, metre_px)
 
     def _by_stereo(self, finding: Finding) -> Estimate | None:
         """The pair's range of the thing, brought from the viewing axis onto the track."""
@@ -204,18 +208,19 @@ class FrameRanging:
         along = x if self.scale is None else self.scale.chainage_at(x)
         return replace(found, range_m=along).estimate() if along > 0 else None
 
-    def _by_gauge(self, finding: Finding, level_m: float, level_std_m: float) -> Estimate | None:
+    def _by_gauge(
+        self, finding: Finding, level_m: float, level_std_m: float, foot_std_px: float
+    ) -> Estimate | None:
         """The rails' spacing, over the whole track, at the foot's row."""
         foot = None if self.scale is None else self.scale.at(finding.foot_uv, level_m)
         if foot is None:
             return None
         given, settings = self._given, self._settings
-        px = given.size_wh[0] / 640.0
         return Estimate(
             "gauge",
             foot.range_m,
             {
-                "row": settings.foot_std_px * px * foot.row_rel_per_px,
+                "row": foot_std_px * foot.row_rel_per_px,
                 "along": settings.foot_along_m / foot.range_m,
                 "spacing": foot.fit_rel,
             },
@@ -226,10 +231,11 @@ class FrameRanging:
             },
         )
 
-    def _by_plane(self, plane_m: float, level_m: float, level_std_m: float) -> Estimate:
+    def _by_plane(
+        self, plane_m: float, level_m: float, level_std_m: float, foot_std_px: float
+    ) -> Estimate:
         """The camera's height over the plane of the rails, at the frame's horizon."""
         track, given, settings = self._track, self._given, self._settings
-        px = given.size_wh[0] / 640.0
         height = track.camera.height_m
         below = track.camera.focal_px * height / plane_m
         # A calibrated height is its own error; a height measured from the gauge is the gauge's.
@@ -242,7 +248,7 @@ class FrameRanging:
             "ground plane",
             plane_m * (height - level_m) / height,
             {
-                "row": settings.foot_std_px * px / below,
+                "row": foot_std_px / below,
                 "along": settings.foot_along_m / plane_m,
                 "horizon": track.horizon_std_px / below,
                 "plane": slope * plane_m / height,
