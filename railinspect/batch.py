@@ -17,8 +17,10 @@ from railinspect.errors import BadInputError, OutputError
 from railinspect.events import EventSettings
 from railinspect.input_results import InputResults, InputSummary
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
+from railinspect.ranging.stereo_camera import StereoCamera
 from railinspect.records import FrameRecord
 from railinspect.report import write_report
+from railinspect.right_pictures import RightPictures
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
@@ -43,6 +45,8 @@ class InspectSettings:
         events: When findings become an event; a single image uses ``EventSettings.still()``.
         folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
         overlay: Whether to write the overlay video.
+        right: The right-hand recording of a rectified stereo pair; fits one input.
+        stereo: The pair's calibration; needed with ``right``.
     """
 
     camera: Camera | None = None
@@ -54,6 +58,8 @@ class InspectSettings:
     events: EventSettings = field(default_factory=EventSettings)
     folder_rate_hz: float | None = None
     overlay: bool = True
+    right: Path | None = None
+    stereo: StereoCamera | None = None
 
     def inspector(
         self,
@@ -74,6 +80,7 @@ class InspectSettings:
             speed_log=self.speed_log,
             speed_is_known=self.speed_is_known,
             first_event_id=first_event_id,
+            stereo=self.stereo,
             steps=steps,
         )
 
@@ -145,6 +152,7 @@ class RunSummary:
             "followed_fraction": round(self.followed_fraction, 4),
             "unknown_frames": self.unknown_frames,
             "speed_unknown_frames": sum(one.speed_unknown_frames for one in self.inputs),
+            "drift_frames": sum(one.drift_frames for one in self.inputs),
             "finding_frames": sum(one.finding_frames for one in self.inputs),
             "events": self.events,
             "breaks": sum(one.break_count for one in self.inputs),
@@ -192,6 +200,15 @@ def inspect_inputs(
     """
     settings = settings or InspectSettings()
     paths = [Path(one) for one in inputs]
+    if settings.right is not None:
+        if len(paths) > 1:
+            raise BadInputError(
+                f"the right-hand recording {settings.right} fits one input, not {len(paths)}; "
+                "inspect them one by one"
+            )
+        if settings.stereo is None:
+            raise BadInputError("a right-hand recording needs the stereo pair's calibration")
+        open_source(settings.right, settings.folder_rate_hz).close()
     for path in paths[1:]:
         open_source(path, settings.folder_rate_hz).close()
     first = open_source(paths[0], settings.folder_rate_hz)
@@ -288,8 +305,10 @@ class _Run:
                 stack.callback(overlay.close)
             stack.callback(self._end_input, inspector, results, source)
             frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
+            right = self._right(stack)
             for frame, segmentation in frames:
-                record = inspector.feed(frame, segmentation)
+                beside = right.at(frame.time_s) if right is not None else None
+                record = inspector.feed(frame, segmentation, beside)
                 results.add_frame(record)
                 self._events += results.add_events(inspector.take_ended())
                 if overlay is not None:
@@ -301,6 +320,11 @@ class _Run:
                 if progress is not None:
                     progress(Progress(name, self._frames, self._share(source, summary)))
         self._seconds = before_s + time.perf_counter() - began_s
+
+    def _right(self, stack: ExitStack) -> RightPictures | None:
+        if self._settings.right is None:
+            return None
+        return stack.enter_context(closing(RightPictures(self._open(self._settings.right))))
 
     def _share(self, source: Source, summary: InputSummary) -> float | None:
         """Share done: by media time where a duration is announced, else by frames."""

@@ -209,6 +209,21 @@ def _add_inspect(commands: Any) -> None:
         help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    parser.add_argument(
+        "--right",
+        type=Path,
+        metavar="INPUT",
+        help="right-hand recording of a rectified stereo pair whose left one is the input",
+    )
+    parser.add_argument(
+        "--calibration", type=Path, help="the pair's file: Middlebury calib.txt or KITTI"
+    )
+    parser.add_argument(
+        "--closer-look",
+        action="store_true",
+        help="run the network a second time on the middle of pictures 1000 pixels wide or wider; "
+        "needs --camera",
+    )
     add_fleet_options(parser)
     parser.set_defaults(run=_run_inspect)
 
@@ -217,8 +232,12 @@ def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, Progress, inspect_inputs
     from railinspect.camera import Camera
     from railinspect.fleet.commands import is_fleet_run, run_fleet
+    from railinspect.fovea import Fovea
     from railinspect.progress import ProgressLine
+    from railinspect.ranging.stereo_camera import StereoCamera
 
+    if (options.right is None) != (options.calibration is None):
+        raise BadInputError("a stereo pair needs both --right and --calibration")
     train, log, known = _train(options)
     settings = InspectSettings(
         camera=Camera.load(options.camera) if options.camera else None,
@@ -227,10 +246,20 @@ def _run_inspect(options: argparse.Namespace) -> int:
         speed_is_known=known,
         folder_rate_hz=options.rate,
         overlay=not options.no_overlay,
+        right=options.right,
+        stereo=StereoCamera.load(options.calibration) if options.calibration else None,
     )
     if is_fleet_run(options):
+        if options.right is not None or options.closer_look:
+            raise BadInputError(
+                "--right and --closer-look inspect one recording; leave them out of a fleet run"
+            )
         return run_fleet(options, settings)
     segmenter = _segmenter(options)
+    if options.closer_look:
+        if settings.camera is None:
+            raise BadInputError("--closer-look needs --camera to know where the horizon lies")
+        segmenter = Fovea(segmenter, settings.camera)
     line = ProgressLine("inspecting")
 
     def show(progress: Progress) -> None:

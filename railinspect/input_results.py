@@ -15,7 +15,10 @@ from railinspect.video import Break, Source
 
 @dataclass
 class InputSummary:
-    """What one input gave; counts are frames, times are media seconds."""
+    """What one input gave; counts are frames, times are media seconds.
+
+    ``camera_drift`` is the last alarm about the camera, ``drift_frames`` how many frames had one.
+    """
 
     name: str
     path: str
@@ -29,6 +32,8 @@ class InputSummary:
     unknown_frames: int = 0
     followed_frames: int = 0
     speed_unknown_frames: int = 0
+    drift_frames: int = 0
+    camera_drift: str | None = None
     first_time_s: float | None = None
     last_time_s: float | None = None
     events: int = 0
@@ -56,6 +61,8 @@ class InputSummary:
         self.unknown_frames += record.status == "unknown"
         self.followed_frames += record.followed
         self.speed_unknown_frames += record.speed_mps is None
+        self.drift_frames += record.camera_drift is not None
+        self.camera_drift = record.camera_drift or self.camera_drift
         if self.first_time_s is None:
             self.first_time_s = record.time_s
         self.last_time_s = record.time_s

@@ -19,7 +19,10 @@ from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
 from railinspect.journey import Journey
 from railinspect.ranging import Absent, FrameRanging, Motion, MotionFilter, Range
+from railinspect.ranging.calibrate_ride import DriftMonitor
 from railinspect.ranging.independent import last_independent
+from railinspect.ranging.stereo import check_sides
+from railinspect.ranging.stereo_view import StereoView
 from railinspect.records import FrameRecord, LocatedFinding, Status
 from railinspect.segmenter import Segmenter
 from railinspect.speed_log import SpeedLog
@@ -40,6 +43,7 @@ from railops.errors import CannotStopError
 
 if TYPE_CHECKING:
     from railinspect.camera import Camera
+    from railinspect.ranging.stereo_camera import StereoCamera
 
 ACTIONS: Final = ("none", "warn", "service", "emergency")
 """Advised actions from the mildest to the most severe."""
@@ -80,6 +84,8 @@ class Inspector:
         speed_is_known: False where the train's speed is only assumed; it then sizes the advice
             but is not used to follow objects from frame to frame.
         first_event_id: Id of the first event.
+        stereo: Calibration of a rectified pair whose left pictures are the frames; the right
+            ones are fed beside them.
         steps: Replaces single steps of the loop.
     """
 
@@ -95,10 +101,13 @@ class Inspector:
         speed_log: SpeedLog | None = None,
         speed_is_known: bool = True,
         first_event_id: int = 1,
+        stereo: StereoCamera | None = None,
         steps: Steps | None = None,
     ) -> None:
         self._segmenter = segmenter
         self._camera = camera
+        self._stereo, self._sides_checked = stereo, False
+        self._drift: DriftMonitor | None = None
         if train is None and speed_log is not None:
             train = Train(speed_mps=speed_log.highest_mps)
         self._journey = Journey(train, speed_log, speed_is_known) if train else None
@@ -147,13 +156,20 @@ class Inspector:
         """The same as :meth:`feed`."""
         return self.feed(frame)
 
-    def feed(self, frame: Frame, segmentation: SegmentationLike | None = None) -> FrameRecord:
+    def feed(
+        self,
+        frame: Frame,
+        segmentation: SegmentationLike | None = None,
+        right_rgb: npt.NDArray[np.uint8] | None = None,
+    ) -> FrameRecord:
         """Inspect the next frame.
 
         Args:
             frame: A frame later than the one before. A change of picture size restarts the
                 following of the track.
             segmentation: What the segmenter says of it, if it was asked already.
+            right_rgb: The right picture of a rectified stereo pair, uint8 (H, W, 3); an instrument
+                among the others. Needs ``stereo``.
 
         Returns:
             The record; events that ended are collected for :meth:`take_ended`.
@@ -163,10 +179,11 @@ class Inspector:
         if self._journey is not None:
             self._journey.advance(frame.time_s)
         track = self._follower_for(frame).update(segmentation, frame)
+        drift = self._drift.update(track) if self._drift is not None else None
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
         findings = self._steps.find(segmentation, track, self._thresholds)
-        ranges, reasons = self._ranged(findings, track, segmentation)
+        ranges, reasons = self._ranged(findings, track, segmentation, frame, right_rgb)
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
         sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
         vanishing = track.vanishing_uv
@@ -208,6 +225,7 @@ class Inspector:
             advice=self._advise(frame.time_s, update.live, doubt is not None),
             speed_mps=self.speed_mps,
             speed_error_mps=self._speed_error_mps,
+            camera_drift=drift.alarm if drift is not None else None,
         )
 
     def take_ended(self) -> tuple[Event, ...]:
@@ -231,7 +249,17 @@ class Inspector:
         if self._follower is None or size_wh != self._size_wh:
             camera = self._camera.resized(size_wh) if self._camera else None
             self._follower, self._size_wh = self._steps.follower(camera), size_wh
+            self._drift = DriftMonitor(camera) if camera else None
         return self._follower
+
+    def _view(self, frame: Frame, right_rgb: npt.NDArray[np.uint8] | None) -> StereoView | None:
+        """The stereo pair of this frame, if there is one; a recording's first is checked."""
+        if right_rgb is None or self._stereo is None:
+            return None
+        if not self._sides_checked:
+            check_sides(frame.rgb, right_rgb)
+            self._sides_checked = True
+        return StereoView(frame.rgb, right_rgb, self._stereo)
 
     def _seen_speed_mps(self, frame: Frame, track: TrackGeometry) -> float | None:
         """The speed the picture shows, m/s, measured only where it is needed."""
@@ -245,11 +273,14 @@ class Inspector:
         findings: tuple[Finding, ...],
         track: TrackGeometry,
         segmentation: SegmentationLike,
+        frame: Frame,
+        right_rgb: npt.NDArray[np.uint8] | None,
     ) -> tuple[list[Range | None], list[str | None]]:
         """Each finding's range, or why there is none."""
         if not findings:
             return [], []
-        ranging = FrameRanging(track, segmentation=segmentation)
+        stereo = self._view(frame, right_rgb)
+        ranging = FrameRanging(track, segmentation=segmentation, stereo=stereo, rgb=frame.rgb)
         measured = [self._steps.range_of(ranging, finding) for finding in findings]
         ranges = [_sound(m) if isinstance(m, Range) else None for m in measured]
         reasons = [m.reason if isinstance(m, Absent) else None for m in measured]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from railinspect.camera import Camera
+    from railinspect.ranging.stereo_view import StereoView
 
 AddCommand = Callable[..., argparse.ArgumentParser]
 
@@ -102,7 +103,7 @@ def _add_range(commands: Any, add: AddCommand) -> None:
     parser = add(
         commands,
         "range",
-        "ranges of what is found on the track in a picture, or of a box in a stereo pair",
+        "ranges of what is found on the track in a picture or a stereo pair, or of a box in a pair",
     )
     parser.add_argument("picture", type=Path, help="picture; of a stereo pair the left one")
     parser.add_argument("--camera", type=Path, metavar="YAML", help="calibrated camera")
@@ -112,7 +113,9 @@ def _add_range(commands: Any, add: AddCommand) -> None:
         "--calibration", type=Path, help="the pair's file: Middlebury calib.txt or KITTI"
     )
     parser.add_argument(
-        "--box", metavar="L,T,R,B", help="region of the pair to range, pixels of the left picture"
+        "--box",
+        metavar="L,T,R,B",
+        help="range this region of the pair instead, pixels of the left picture",
     )
     parser.set_defaults(run=_run_range)
 
@@ -195,10 +198,10 @@ def _deliver(camera: Camera, options: argparse.Namespace, extra: dict[str, Any])
 def _run_range(options: argparse.Namespace) -> int:
     from railinspect.images import read_image
 
-    if options.right is not None:
-        return _run_pair(options)
-    if options.box is not None or options.calibration is not None:
-        raise BadInputError("--box and --calibration are for a stereo pair; give --right as well")
+    if (options.right is None) != (options.calibration is None):
+        raise BadInputError("a stereo pair needs both --right and --calibration with its file")
+    if options.box is not None:
+        return _run_box(options)
     from railinspect.camera import Camera
     from railinspect.findings import find
     from railinspect.ranging import FrameRanging, Range
@@ -209,7 +212,7 @@ def _run_range(options: argparse.Namespace) -> int:
     camera = Camera.load(options.camera) if options.camera else None
     segmentation = _segmenter(options.bundle)(rgb)
     track = TrackFollower(camera).update(segmentation)
-    ranging = FrameRanging(track, segmentation=segmentation)
+    ranging = FrameRanging(track, segmentation=segmentation, stereo=_pair(options, rgb), rgb=rgb)
     located = []
     for finding in find(segmentation, track):
         found = ranging.measure(finding)
@@ -241,19 +244,20 @@ def _run_range(options: argparse.Namespace) -> int:
     return 0
 
 
-def _run_pair(options: argparse.Namespace) -> int:
+def _run_box(options: argparse.Namespace) -> int:
     import numpy as np
 
     from railinspect.images import read_image
     from railinspect.ranging import Absent
     from railinspect.ranging.stereo import match, region_range
+    from railinspect.ranging.stereo_camera import StereoCamera
 
-    if options.calibration is None:
-        raise BadInputError("a stereo pair needs --calibration with its file")
-    camera = _pair_camera(options.calibration)
+    if options.right is None:
+        raise BadInputError("--box is for a stereo pair; give --right and --calibration as well")
+    camera = StereoCamera.load(options.calibration)
     left, right = read_image(options.picture), read_image(options.right)
     disparity = match(left, right)
-    region = np.ones(left.shape[:2], bool) if options.box is None else _box(options.box, left)
+    region = _box(options.box, left)
     found = region_range(disparity, region, camera)
     share = float(np.isfinite(disparity.disparity_px).mean())
     document: dict[str, Any] = {"matched_share": share}
@@ -270,14 +274,17 @@ def _run_pair(options: argparse.Namespace) -> int:
     return 0
 
 
-def _pair_camera(path: Path) -> Any:
+def _pair(options: argparse.Namespace, left: npt.NDArray[np.uint8]) -> StereoView | None:
+    from railinspect.images import read_image
+    from railinspect.ranging.stereo import check_sides
     from railinspect.ranging.stereo_camera import StereoCamera
+    from railinspect.ranging.stereo_view import StereoView
 
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"cannot read calibration file {path}: {error}") from error
-    return (StereoCamera.from_middlebury if "cam0" in text else StereoCamera.from_kitti)(path)
+    if options.right is None:
+        return None
+    right = read_image(options.right)
+    check_sides(left, right)
+    return StereoView(left, right, StereoCamera.load(options.calibration))
 
 
 def _box(text: str, image: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:

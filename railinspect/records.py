@@ -61,6 +61,8 @@ class FrameRecord:
             train was given.
         speed_mps: The train's speed, m/s; None where it is unknown or only assumed.
         speed_error_mps: By how much the train may be faster, m/s; None likewise.
+        camera_drift: How the camera has moved from its calibration; None while it has not, while
+            too little was seen to tell, and without a calibration.
     """
 
     index: int
@@ -77,6 +79,7 @@ class FrameRecord:
     advice: Advice | None
     speed_mps: float | None = None
     speed_error_mps: float | None = None
+    camera_drift: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The object stored as one line of ``frames.jsonl``; pixels to 0.1, times to 1 µs."""
@@ -91,6 +94,7 @@ class FrameRecord:
             "reach_m": number(self.reach_m, 2),
             "speed_mps": number(self.speed_mps, 3),
             "speed_error_mps": number(self.speed_error_mps, 3),
+            "camera_drift": self.camera_drift,
             "findings": [located_json(found) for found in self.findings],
             "advice": advice_json(self.advice),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,15 +12,21 @@ import numpy.typing as npt
 from railinspect.camera import Camera
 from railinspect.findings import Finding, place_on_track
 from railinspect.labels import HUMAN
+from railinspect.ranging.foot import refine_foot
 from railinspect.ranging.fusion import Absent, Estimate, Range, combine
 from railinspect.ranging.ground_level import class_counts, ground_level
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
+from railinspect.ranging.stereo_view import StereoView
 from railinspect.ranging.track_scale import ScaleSettings, TrackScale, fit_scale
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
+from railinspect.track.level import Level
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
+
+COARSE_PX = 1000
+"""From this width on the shipped network's masks are coarser than the picture, pixels."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,8 @@ class RangingSettings:
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
+        foot_seen_px: The same where the picture is finer than the masks and shows the foot,
+        foot_unseen_px: and where it is finer but does not: shadows and shins are taken for it.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
         stands_on_m: Height of what all things stand on against the rail tops, metres, where that
@@ -46,7 +54,9 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
-    foot_along_m: float = 0.08
+    foot_seen_px: float = 1.2
+    foot_unseen_px: float = 2.5
+    foot_along_m: float = 0.07
     stands_on_m: float | None = None
     extent_std_px: float = 1.5
     scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
@@ -77,6 +87,10 @@ class FrameRanging:
         segmentation: Masks of the frame: what surrounds a foot says how high it stands, and the
             class of a thing how large it is. Without them both are guessed, with wider errors.
         settings: Errors and limits.
+        stereo: The stereo pair whose left picture is the frame: one more instrument, and the only
+            one where the rails give no scale.
+        rgb: The picture, uint8 (H, W, 3): where the masks are coarser than it, feet are looked up
+            in it. Needs the masks.
     """
 
     def __init__(
@@ -85,8 +99,12 @@ class FrameRanging:
         camera: Camera | None = None,
         segmentation: SegmentationLike | None = None,
         settings: RangingSettings | None = None,
+        stereo: StereoView | None = None,
+        rgb: Image | None = None,
     ) -> None:
         self._track = track
+        self._rgb = rgb
+        self._stereo = stereo
         given = camera if camera is not None else track.camera
         same = given.size_wh == track.camera.size_wh
         self._given = given if same else given.resized(track.camera.size_wh)
@@ -101,14 +119,36 @@ class FrameRanging:
     def measure(self, finding: Finding) -> Range | Absent:
         """Range of a finding along the track, or the reason why there is none.
 
-        The track's scale and the ground plane both turn the foot's row into a distance, and what
-        is known of the thing's size is a third opinion. What they share (focal length, foot row,
-        height of the ground under the foot) stays correlated.
+        The track's scale and the ground plane both turn the foot's row into a distance; what is
+        known of the thing's size and a stereo pair are further opinions. What they share (focal
+        length, foot row, height of the ground under the foot) stays correlated.
 
         Returns:
             The range; where the foot lies below the image's bottom, its upper limit with an
             interval that begins at 0; or the reason why there is none.
         """
+        on_ground = self._on_ground(finding)
+        pair = self._by_stereo(finding)
+        estimates = [] if isinstance(on_ground, Absent) else on_ground
+        if pair is not None:
+            estimates = [*estimates, pair]
+        elif isinstance(on_ground, Absent):
+            return on_ground
+        fused = combine(estimates)
+        if finding.foot_uv[1] >= self._track.camera.size_wh[1] - 1 and pair is None:
+            return _at_most(fused)
+        if fused.std_m > self._settings.worst_rel * fused.range_m:
+            return Absent(
+                f"its error of {fused.std_m / fused.range_m:.0%} is beyond what is useful"
+            )
+        if fused.noise_m > self._settings.worst_noise_rel * fused.range_m:
+            return Absent(
+                f"its noise of {fused.noise_m / fused.range_m:.0%} is beyond the reliable range"
+            )
+        return fused
+
+    def _on_ground(self, finding: Finding) -> list[Estimate] | Absent:
+        """What the foot's place on the track says, and the thing's size beside it."""
         track, settings = self._track, self._settings
         path = track.path
         if path is None:
@@ -127,40 +167,60 @@ class FrameRanging:
                 f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
             )
         metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
+        foot_std_px = settings.foot_std_px * px
+        if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
+            row = self._row_in_picture(finding, metre)
+            foot_std_px = (settings.foot_unseen_px if row is None else settings.foot_seen_px) * px
+            if row is not None:
+                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
+                plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
             level, level_std = self._level(finding, metre)
-        plane = self._by_plane(plane_m, level, level_std)
-        gauge = self._by_gauge(finding, level, level_std)
+        plane = self._by_plane(plane_m, level, level_std, foot_std_px)
+        gauge = self._by_gauge(finding, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
         size = None if gauge is None else self._by_size(finding)
-        fused = combine([e for e in (gauge, plane, size) if e is not None])
-        if finding.foot_uv[1] >= track.camera.size_wh[1] - 1:
-            return _at_most(fused)
-        if fused.std_m > settings.worst_rel * fused.range_m:
-            return Absent(
-                f"its error of {fused.std_m / fused.range_m:.0%} is beyond what is useful"
-            )
-        if fused.noise_m > settings.worst_noise_rel * fused.range_m:
-            return Absent(
-                f"its noise of {fused.noise_m / fused.range_m:.0%} is beyond the reliable range"
-            )
-        return fused
+        return [e for e in (gauge, plane, size) if e is not None]
 
-    def _by_gauge(self, finding: Finding, level_m: float, level_std_m: float) -> Estimate | None:
+    def _row_in_picture(self, finding: Finding, metre_px: float) -> float | None:
+        """Row of the foot as the picture shows it; None where it does not."""
+        if self._rgb is None or self._labels is None or finding.type == "distortion":
+            return None
+        if self._class_of(finding) in WHEELED:
+            return None  # between the wheels the body ends above the ground
+        return refine_foot(self._rgb, self._labels, finding, metre_px)
+
+    def _by_stereo(self, finding: Finding) -> Estimate | None:
+        """The pair's range of the thing, brought from the viewing axis onto the track."""
+        if self._stereo is None or finding.type == "distortion":
+            return None
+        found = self._stereo.range_of(finding)
+        if isinstance(found, Absent):
+            return None
+        camera = self._track.camera
+        row = float(Level.of(camera).from_pixels(finding.foot_uv[None, :])[0, 1])
+        pitch = camera.pitch_rad
+        ahead = math.cos(pitch) - row / camera.focal_px * math.sin(pitch)
+        x = found.range_m * ahead
+        along = x if self.scale is None else self.scale.chainage_at(x)
+        return replace(found, range_m=along).estimate() if along > 0 else None
+
+    def _by_gauge(
+        self, finding: Finding, level_m: float, level_std_m: float, foot_std_px: float
+    ) -> Estimate | None:
         """The rails' spacing, over the whole track, at the foot's row."""
         foot = None if self.scale is None else self.scale.at(finding.foot_uv, level_m)
         if foot is None:
             return None
         given, settings = self._given, self._settings
-        px = given.size_wh[0] / 640.0
         return Estimate(
             "gauge",
             foot.range_m,
             {
-                "row": settings.foot_std_px * px * foot.row_rel_per_px,
+                "row": foot_std_px * foot.row_rel_per_px,
                 "along": settings.foot_along_m / foot.range_m,
                 "spacing": foot.fit_rel,
             },
@@ -171,10 +231,11 @@ class FrameRanging:
             },
         )
 
-    def _by_plane(self, plane_m: float, level_m: float, level_std_m: float) -> Estimate:
+    def _by_plane(
+        self, plane_m: float, level_m: float, level_std_m: float, foot_std_px: float
+    ) -> Estimate:
         """The camera's height over the plane of the rails, at the frame's horizon."""
         track, given, settings = self._track, self._given, self._settings
-        px = given.size_wh[0] / 640.0
         height = track.camera.height_m
         below = track.camera.focal_px * height / plane_m
         # A calibrated height is its own error; a height measured from the gauge is the gauge's.
@@ -187,7 +248,7 @@ class FrameRanging:
             "ground plane",
             plane_m * (height - level_m) / height,
             {
-                "row": settings.foot_std_px * px / below,
+                "row": foot_std_px / below,
                 "along": settings.foot_along_m / plane_m,
                 "horizon": track.horizon_std_px / below,
                 "plane": slope * plane_m / height,
@@ -231,10 +292,11 @@ class FrameRanging:
         if self._labels is None:
             return level, level_std
         left, top, right, bottom = finding.box_xyxy
-        bar = right - left > max(self._given.rail_spacing_m * metre_px, 4.0 * (bottom - top))
+        # A trunk or a pole longer than the gauge may lie across the rails; branches stand up from
+        # it.
+        bar = right - left > max(self._given.rail_spacing_m * metre_px, 2.0 * (bottom - top))
         if not bar or self._class_of(finding) in WHEELED:
             return level, level_std
-        # A trunk or a pole longer than the gauge may lie across the rails.
         return 0.5 * level, math.hypot(level_std, 0.3 * level)
 
     def _class_of(self, finding: Finding) -> int:

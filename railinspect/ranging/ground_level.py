@@ -20,7 +20,7 @@ from railinspect.labels import (
 BED_M = -0.17
 """Height of sleepers and ballast against the rail tops, metres: a 60E1 rail is 172 mm high."""
 
-BED_STD_M = 0.012
+BED_STD_M = 0.010
 SURFACE_STD_M = 0.012
 UNSEEN = (-0.15, 0.06)
 """Height and standard deviation where what surrounds the foot is not known, metres."""

@@ -67,17 +67,35 @@ def match(left: Image, right: Image, settings: StereoSettings | None = None) -> 
         BadInputError: if the pictures differ in size or kind, or their sides are swapped.
     """
     settings = settings or StereoSettings()
-    first, second = (_grey(image) for image in (left, right))
+    check_sides(left, right, settings)
+    return match_rows(left, right, settings)
+
+
+def match_rows(left: Image, right: Image, settings: StereoSettings) -> Disparity:
+    """The same for a band of rows of a pair whose sides are known to be right."""
+    return _matched(*_pair(left, right), settings)
+
+
+def check_sides(left: Image, right: Image, settings: StereoSettings | None = None) -> None:
+    """Refuse a pair that is none.
+
+    Raises:
+        BadInputError: if the pictures differ in size or kind, or their sides are swapped.
+    """
+    if _swapped(*_pair(left, right), settings or StereoSettings()):
+        raise BadInputError(
+            "the pair's sides are swapped: it matches only with right and left exchanged"
+        )
+
+
+def _pair(left: Image, right: Image) -> tuple[Image, Image]:
+    first, second = _grey(left), _grey(right)
     if first.shape != second.shape:
         raise BadInputError(
             f"a stereo pair must have one size; left is {first.shape[1]}x{first.shape[0]}, right "
             f"{second.shape[1]}x{second.shape[0]}"
         )
-    if _swapped(first, second, settings):
-        raise BadInputError(
-            "the pair's sides are swapped: it matches only with right and left exchanged"
-        )
-    return _matched(first, second, settings)
+    return first, second
 
 
 @dataclass(frozen=True)

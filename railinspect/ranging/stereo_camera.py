@@ -71,6 +71,16 @@ class StereoCamera:
         return np.asarray(z * np.hypot(scale, far), np.float64)
 
     @staticmethod
+    def load(path: Path) -> StereoCamera:
+        """Read a calibration file of either kind.
+
+        Raises:
+            BadInputError: if the file is missing, incomplete or absurd.
+        """
+        known = "cam0" in _entries(path, "=")
+        return (StereoCamera.from_middlebury if known else StereoCamera.from_kitti)(path)
+
+    @staticmethod
     def from_middlebury(path: Path) -> StereoCamera:
         """Read a ``calib.txt`` as Middlebury 2014 pairs have it (baseline in millimetres).
 

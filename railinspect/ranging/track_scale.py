@@ -114,6 +114,10 @@ class TrackScale:
         """Pitch against the plane of the rails under the camera, radians."""
         return self.pitch_rad - float(self.parameters[0])
 
+    def chainage_at(self, x_m: float) -> float:
+        """Chainage of the track at the distance ``x_m`` straight ahead, metres."""
+        return float(np.interp(x_m, _GRID_M, self.chainage_m))
+
     def at(self, foot_uv: Array, foot_m: float = 0.0) -> FootRange | None:
         """Range of a point of the ground ``foot_m`` above the rail tops; None beyond the scale."""
         camera = self.level.camera

@@ -90,6 +90,12 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
             f"{count_of(counts['speed_unknown_frames'], 'frame')}: "
             "what was seen there is advised on as in doubt."
         )
+    for one in run["inputs"]:
+        if one["drift_frames"]:
+            notes.append(
+                f"{escape(one['name'])}: {escape(one['camera_drift'])}. Said in "
+                f"{_count(one['drift_frames'], 'frame')}; ranges there may be off by as much."
+            )
     if counts["breaks"]:
         notes.append(f"Reading failed in {count_of(counts['breaks'], 'place')}, listed below.")
     if not counts["complete"]:

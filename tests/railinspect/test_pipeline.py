@@ -284,3 +284,18 @@ def test_the_public_names_are_these():
         assert getattr(railinspect, name).__name__ == name
     with pytest.raises(AttributeError, match="has no attribute"):
         _ = railinspect.nothing
+
+
+def test_a_camera_that_has_moved_is_said_while_riding():
+    pictures = [paint()] * 105
+    tilted = replace(CAMERA, pitch_rad=CAMERA.pitch_rad - math.radians(0.6))
+    for camera, moved in ((tilted, True), (CAMERA, False)):
+        inspector = Inspector(read_paint, camera)
+        records = [inspector(frame) for frame in frames(pictures)]
+        assert records[50].camera_drift is None  # too little seen yet
+        said = records[-1].camera_drift
+        assert (said is not None) == moved
+        assert records[-1].as_json()["camera_drift"] == said
+        if moved:
+            assert "pitch has moved by +0.6" in said
+    assert Inspector(read_paint).feed(frames([paint()])[0]).camera_drift is None

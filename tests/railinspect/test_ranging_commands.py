@@ -71,7 +71,7 @@ def test_a_stereo_pair_is_ranged(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(swapped) == 2
     assert "swapped" in capsys.readouterr().err
     assert main(["range", str(names[0]), "--box", "80,20,200,100"]) == 2
-    assert "give --right as well" in capsys.readouterr().err
+    assert "give --right and --calibration as well" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

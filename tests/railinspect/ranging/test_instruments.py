@@ -108,6 +108,29 @@ def test_an_estimate_that_is_only_a_worse_copy_gets_no_weight() -> None:
     assert combine([good, worse]).method == "good"
 
 
+def test_no_weight_is_negative() -> None:
+    # One cause that moves the second three times as far: C⁻¹·1 would give it −0.5 and extrapolate.
+    near = Estimate("near", 100.0, {"shared": 0.1})
+    far = Estimate("far", 120.0, {"shared": 0.3, "own": 0.01})
+    found = combine([near, far])
+    assert found.range_m == pytest.approx(100.0)
+    assert found.method == "near"
+    assert found.std_m == pytest.approx(10.0)
+
+
+def test_what_is_left_after_dropping_one_is_weighed_anew() -> None:
+    # Without c, a and b have equal variances (0.1² + 0.05² and 0.05² + 0.1²): the geometric mean.
+    # Merely cutting c's negative weight off would leave a with three quarters.
+    estimates = [
+        Estimate("a", 100.0, {"shared": 0.1, "a": 0.05}),
+        Estimate("b", 121.0, {"shared": 0.05, "b": 0.1}),
+        Estimate("c", 150.0, {"shared": 0.3, "c": 0.01}),
+    ]
+    found = combine(estimates)
+    assert found.range_m == pytest.approx(110.0)
+    assert found.method == "a+b"
+
+
 def test_opposed_signs_cancel() -> None:
     # The same cause lengthens one and shortens the other: equal weights remove it.
     found = combine(

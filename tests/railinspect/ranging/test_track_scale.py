@@ -43,6 +43,16 @@ def test_points_of_the_track_are_where_they_are(range_m: float, curvature: float
     assert abs(found.range_m / range_m - 1) < 3 * found.fit_rel + 0.003
 
 
+def test_a_curve_is_longer_than_its_chord() -> None:
+    cam = camera(SIZE, 65.0)
+    scale = fitted(cam, cam, 1 / 250)
+    for along in (40.0, 60.0, 80.0):
+        ahead = 250 * np.sin(along / 250)  # 78.6 m for 80 m of arc
+        assert scale.chainage_at(ahead) == pytest.approx(along, abs=0.25 * (along - ahead) + 0.05)
+    straight = fitted(cam, cam)
+    assert straight.chainage_at(80.0) == pytest.approx(80.0, abs=0.1)
+
+
 def test_a_wrong_height_does_not_matter() -> None:
     cam = camera(SIZE)
     wrong = dataclasses.replace(cam, height_m=0.9 * cam.height_m)

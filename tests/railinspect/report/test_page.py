@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
@@ -103,3 +106,16 @@ def test_no_event_in_the_dark_is_not_sold_as_clear(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "not everything could be inspected" in page
     assert "10 frames (100.0%) are unknown" in page
+
+
+def test_a_camera_that_moved_is_said_at_the_head(tmp_path):
+    tilted = replace(CAMERA, pitch_rad=CAMERA.pitch_rad - math.radians(0.6))
+    video = write_video(tmp_path / "ride.mp4", [paint()] * 104)
+    inspect_inputs([video], tmp_path / "out", read_paint, replace(SETTINGS, camera=tilted))
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    (one,) = run["inputs"]
+    assert run["counts"]["drift_frames"] == one["drift_frames"] == 5
+    assert "pitch has moved" in one["camera_drift"]
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "pitch has moved by +0.6" in page[: page.index("<svg")]
+    assert "Said in 5 frames" in page

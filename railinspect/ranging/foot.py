@@ -1,0 +1,236 @@
+"""The foot's row at the image's full resolution, where the network's masks are coarser.
+
+A network that sees the picture at 640 pixels knows the foot of a thing to a few pixels of that
+width, and shadows and feet to worse. The picture itself knows better. Colours of the thing (its
+body above the foot) and of the ground (beside it, in the sun and in shade) say of each row around
+the coarse foot which of the two it shows; where their verdict turns, the sharpest edge that is not
+also an edge of the ground beside it is the foot: shadows end softly, sleepers go on to both sides.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from railinspect.findings import Finding
+from railinspect.labels import (
+    RAIL_EMBEDDED,
+    RAIL_RAISED,
+    RAIL_TRACK,
+    ROAD,
+    SIDEWALK,
+    SKY,
+    TERRAIN,
+    TRACKBED,
+    TRAM_TRACK,
+    VEGETATION,
+)
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+_BINS = 12
+_SHADE = 0.55
+"""Brightness of shaded ground against the same ground in the sun."""
+
+_GROUND = np.zeros(256, np.bool_)
+_GROUND[
+    [
+        RAIL_EMBEDDED,
+        RAIL_RAISED,
+        RAIL_TRACK,
+        ROAD,
+        SIDEWALK,
+        SKY,
+        TERRAIN,
+        TRACKBED,
+        TRAM_TRACK,
+        VEGETATION,
+        255,
+    ]
+] = True
+
+_LEAST_PIXELS = 24
+_COLUMNS = 16
+"""So many columns of a strip are looked at, at least, where it is that wide."""
+
+_ALIKE = 0.72
+"""Colours of thing and ground overlapping by more than this (Bhattacharyya) say nothing."""
+
+
+def refine_foot(rgb: Image, labels: Image, finding: Finding, metre_px: float) -> float | None:
+    """Row of a finding's foot in the picture, or None where the picture does not show it.
+
+    Args:
+        rgb: The picture, uint8 (H, W, 3).
+        labels: Class ids from the coarse masks, at the picture's size, uint8 (H, W).
+        finding: The thing with its coarse foot.
+        metre_px: Pixels per metre across the track at the coarse foot, > 0.
+
+    Returns:
+        The boundary between the thing's last row and the ground, in pixels as ``foot_uv`` counts.
+    """
+    left, top, right, bottom = finding.box_xyxy
+    u, v = (float(value) for value in finding.foot_uv)
+    cell = rgb.shape[1] / 640.0
+    row = _refined(rgb, labels, u, v, (left, top, right, bottom), float(metre_px), cell)
+    return None if np.isnan(row) else float(row)
+
+
+@numba.njit(cache=True)
+def _refined(
+    rgb: Image,
+    labels: Image,
+    u: float,
+    v: float,
+    box: tuple[float, float, float, float],
+    metre: float,
+    cell: float,
+) -> float:
+    rows, cols = labels.shape
+    left, top, right, bottom = box
+    tall = bottom - top
+    # A foot is rather cut off too high (shoes, shade) than too low.
+    up = min(int(0.12 * metre + 2.0 * cell), int(0.5 * tall))
+    first = max(2, int(v) - up)
+    last = min(rows - 3, int(v) + round(0.45 * metre + 3.0 * cell))
+    half = max(min(0.25 * metre, 0.5 * (right - left)), 2.0)
+    c0, c1 = max(1, round(u - half)), min(cols - 1, round(u + half) + 1)
+    gap, beside = int(max(3.0, 0.12 * metre)), int(max(6.0, 0.6 * metre))
+    l1 = max(1, int(left) - gap)
+    l0 = max(1, l1 - beside)
+    r0 = min(cols - 1, int(right) + gap)
+    r1 = min(cols - 1, r0 + beside)
+    if last - first < 6 or c1 - c0 < 2 or (l1 - l0) + (r1 - r0) < 6:
+        return np.nan
+    body, pixels = _body(rgb, labels, v, box)
+    ground, beside_pixels = _ground(rgb, first, last, l0, l1, r0, r1)
+    if pixels < _LEAST_PIXELS or beside_pixels < _LEAST_PIXELS:
+        return np.nan
+    alike = np.sqrt(body * ground).sum()
+    if alike > _ALIKE:
+        return np.nan
+    verdict = np.log((body + 2e-3) / (ground + 2e-3))
+    count = last - first + 1
+    total, edge = np.zeros(count), np.zeros(count)
+    most = 0.0
+    for i in range(1, count):
+        # Boundary above row ``first + i``: the verdicts of all rows above it add up.
+        row = first + i
+        mean = 0.0
+        taken = 0
+        for c in range(c0, c1, 1 + (c1 - c0) // _COLUMNS):
+            mean += verdict[_bin(rgb, row - 1, c)]
+            taken += 1
+        mean /= taken
+        total[i] = total[i - 1] + min(2.0, max(-2.0, mean))
+        most = max(most, total[i])
+        own, _ = _edge(rgb, row, c0, c1)
+        (one, at_left), (two, at_right) = _edge(rgb, row, l0, l1), _edge(rgb, row, r0, r1)
+        others = (one * at_left + two * at_right) / (at_left + at_right)
+        edge[i] = own - others
+    if most < 1.0 and most - total[count - 1] < 1.0:
+        return np.nan
+    best = -1
+    for i in range(1, count):
+        if total[i] >= most - 4.0 and (best < 0 or edge[i] > edge[best]):
+            best = i
+    if best <= 1 or best >= count - 2:
+        return np.nan
+    return first + best - 0.5
+
+
+@numba.njit(cache=True, inline="always")
+def _bin(rgb: Image, row: int, column: int) -> int:
+    place = 0
+    for channel in range(3):
+        place = place * _BINS + rgb[row, column, channel] * _BINS // 256
+    return place
+
+
+@numba.njit(cache=True)
+def _edge(rgb: Image, row: int, first: int, last: int) -> tuple[float, int]:
+    """Mean over columns of the colour step between the two rows above and from ``row`` on.
+
+    Besides, how many columns were looked at.
+    """
+    total, taken = 0.0, 0
+    for c in range(first, last, 1 + (last - first) // _COLUMNS):
+        squared = 0.0
+        for channel in range(3):
+            step = 0.0
+            for shift in range(-1, 2):
+                at = c + shift
+                step += float(rgb[row, at, channel]) + float(rgb[row + 1, at, channel])
+                step -= float(rgb[row - 1, at, channel]) + float(rgb[row - 2, at, channel])
+            squared += (step / 6.0) ** 2
+        total += np.sqrt(squared)
+        taken += 1
+    return total / max(1, taken), taken
+
+
+@numba.njit(cache=True)
+def _body(
+    rgb: Image, labels: Image, v: float, box: tuple[float, float, float, float]
+) -> tuple[Array, int]:
+    """Colours of the thing above its foot: pixels of its commonest class."""
+    rows, cols = labels.shape
+    left, top, right, bottom = box
+    tall = bottom - top
+    first, last = max(0, int(v - 0.7 * tall)), min(rows, int(v - 0.12 * tall))
+    c0, c1 = max(0, int(left)), min(cols, int(right) + 1)
+    colours = np.zeros(_BINS**3)
+    if last <= first or c1 <= c0:
+        return colours, 0
+    stride = max(1, int(np.sqrt((last - first) * (c1 - c0) / 600.0)))
+    seen = np.zeros(256, np.int64)
+    for row in range(first, last, stride):
+        for c in range(c0, c1, stride):
+            if not _GROUND[labels[row, c]]:
+                seen[labels[row, c]] += 1
+    own = np.argmax(seen)
+    for row in range(first, last, stride):
+        for c in range(c0, c1, stride):
+            if labels[row, c] == own and seen[own] > 0:
+                colours[_bin(rgb, row, c)] += 1.0
+    return _smoothed(colours), seen[own]
+
+
+@numba.njit(cache=True)
+def _ground(
+    rgb: Image, first: int, last: int, l0: int, l1: int, r0: int, r1: int
+) -> tuple[Array, int]:
+    """Colours of the ground beside the thing, in the sun and in shade."""
+    colours = np.zeros(_BINS**3)
+    area = (last - first) * ((l1 - l0) + (r1 - r0))
+    stride = max(1, int(np.sqrt(area / 600.0)))
+    count = 0
+    for row in range(first, last, stride):
+        for side in range(2):
+            begin, end = (l0, l1) if side == 0 else (r0, r1)
+            for c in range(begin, end, stride):
+                colours[_bin(rgb, row, c)] += 0.7
+                shaded = 0
+                for channel in range(3):
+                    value = int(_SHADE * rgb[row, c, channel])
+                    shaded = shaded * _BINS + value * _BINS // 256
+                colours[shaded] += 0.3
+                count += 1
+    return _smoothed(colours), count
+
+
+@numba.njit(cache=True)
+def _smoothed(colours: Array) -> Array:
+    """A colour histogram blurred by one bin in each channel, of sum 1."""
+    size = len(colours)
+    for stride in (1, _BINS, _BINS * _BINS):
+        blurred = np.empty(size)
+        for i in range(size):
+            at = i // stride % _BINS
+            before = colours[i - stride] if at > 0 else 0.0
+            after = colours[i + stride] if at < _BINS - 1 else 0.0
+            blurred[i] = 0.6 * colours[i] + 0.2 * (before + after)
+        colours = blurred
+    shares: Array = colours / max(colours.sum(), 1e-9)
+    return shares

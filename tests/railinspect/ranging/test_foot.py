@@ -1,0 +1,90 @@
+"""The foot's row found in the picture, where coarse masks put it into the shadow or the shin."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+from tests.railinspect.synthetic_tracks import Thing, draw
+
+from railinspect import labels
+from railinspect.camera import Camera
+from railinspect.findings import Finding, find
+from railinspect.ranging import FrameRanging, Range, RangingSettings
+from railinspect.ranging.foot import refine_foot
+from railinspect.track import TrackFollower
+
+LAST_ROW = 600
+METRE_PX = 60.0
+BOX = (900, 520, 960, LAST_ROW)
+
+
+def ballast(shade: np.ndarray | float = 0.0) -> np.ndarray:
+    """Ballast with sleepers, in shade by as much as is given."""
+    rgb = np.full((1080, 1920, 3), (120, 112, 104), float)
+    rgb[np.arange(1080) // 7 % 2 == 0] += 18.0
+    return rgb * (1.0 - np.asarray(shade)[..., None])
+
+
+def noisy(rgb: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return np.clip(rgb + rng.normal(0, 6, rgb.shape), 0, 255).astype(np.uint8)
+
+
+def picture(colour: tuple[int, int, int]) -> np.ndarray:
+    """A thing on ballast with a soft shadow below it."""
+    shade = np.zeros((1080, 1920))
+    cv2.ellipse(shade, (930, LAST_ROW), (55, 16), 0, 0, 360, 0.6, -1)
+    rgb = ballast(cv2.GaussianBlur(shade, (0, 0), 7.0))
+    left, top, right, bottom = BOX
+    rgb[top : bottom + 1, left : right + 1] = colour
+    return noisy(rgb)
+
+
+def coarse(bottom: int) -> tuple[np.ndarray, Finding]:
+    left, top, right, _ = BOX
+    masks = np.full((1080, 1920), labels.TRACKBED, np.uint8)
+    masks[top : bottom + 1, left : right + 1] = labels.CONSTRUCTION
+    outline = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], float)
+    foot = np.array([930.0, bottom + 0.5])
+    box = (float(left), float(top), float(right), float(bottom))
+    return masks, Finding("obstruction", outline, box, 0.9, foot, "")
+
+
+@pytest.mark.parametrize("off", [-14, -4, 0, 5, 10])
+@pytest.mark.parametrize("colour", [(200, 40, 30), (60, 90, 160), (235, 235, 230)])
+def test_the_foot_is_where_the_thing_ends(colour: tuple[int, int, int], off: int) -> None:
+    masks, finding = coarse(LAST_ROW + off)
+    row = refine_foot(picture(colour), masks, finding, METRE_PX)
+    assert row == pytest.approx(LAST_ROW + 0.5, abs=1.01)
+
+
+def test_what_looks_like_the_ground_has_no_foot_in_the_picture() -> None:
+    masks, finding = coarse(LAST_ROW + 6)
+    assert refine_foot(noisy(ballast()), masks, finding, METRE_PX) is None
+
+
+def test_a_thing_at_the_edge_of_the_picture_is_left_as_it_is() -> None:
+    masks, finding = coarse(LAST_ROW)
+    low = dataclasses.replace(finding, foot_uv=np.array([930.0, 1079.5]))
+    assert refine_foot(picture((200, 40, 30)), masks, low, METRE_PX) is None
+
+
+def test_ranges_take_the_row_from_the_picture() -> None:
+    cam = Camera((1280, 720), 2000.0, (639.5, 359.5), 2.5, pitch_rad=0.03)
+    masks = draw(cam, 0.0, things=[Thing(labels.CONSTRUCTION, 40.0, 0.0, 0.9, 1.0)])
+    track = TrackFollower(cam).update(masks)
+    (finding,) = find(masks, track)
+    rgb = np.full((720, 1280, 3), (120, 112, 104), np.uint8)
+    rgb[masks.labels == labels.CONSTRUCTION] = (200, 40, 30)
+    settings = RangingSettings(stands_on_m=0.0)
+    # Masks that reach 8 px below the thing, into its shadow.
+    low = dataclasses.replace(finding, foot_uv=finding.foot_uv + np.array([0.0, 8.0]))
+    blind = FrameRanging(track, segmentation=masks, settings=settings).measure(low)
+    seeing = FrameRanging(track, segmentation=masks, settings=settings, rgb=rgb).measure(low)
+    assert isinstance(blind, Range)
+    assert isinstance(seeing, Range)
+    assert blind.range_m < 38.5
+    assert seeing.range_m == pytest.approx(40.0, rel=0.01)
