@@ -16,6 +16,7 @@ from railinspect.camera import Camera
 from railinspect.errors import BadInputError, OutputError
 from railinspect.events import Event, EventSettings
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
+from railinspect.progress import Progress
 from railinspect.records import FrameRecord, event_json
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
@@ -53,22 +54,6 @@ class InspectSettings:
     events: EventSettings = field(default_factory=EventSettings)
     folder_rate_hz: float | None = None
     overlay: bool = True
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is.
-
-    Attributes:
-        name: Name of the present input.
-        frames: Frames done over all inputs.
-        share: Share of all inputs that is done, 0 to 1; None if an input does not say how long
-            it is.
-    """
-
-    name: str
-    frames: int
-    share: float | None
 
 
 @dataclass

@@ -144,6 +144,8 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 
 def _add_inspect(commands: Any) -> None:
+    from railinspect.watching import add_watching
+
     parser = _command(
         commands,
         "inspect",
@@ -198,13 +200,14 @@ def _add_inspect(commands: Any) -> None:
         help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    add_watching(parser)
     parser.set_defaults(run=_run_inspect)
 
 
 def _run_inspect(options: argparse.Namespace) -> int:
-    from railinspect.batch import InspectSettings, Progress, inspect_inputs
+    from railinspect.batch import InspectSettings, inspect_inputs
     from railinspect.camera import Camera
-    from railinspect.progress import ProgressLine
+    from railinspect.watching import watch
 
     train, log, known = _train(options)
     settings = InspectSettings(
@@ -216,19 +219,12 @@ def _run_inspect(options: argparse.Namespace) -> int:
         overlay=not options.no_overlay,
     )
     segmenter = _segmenter(options)
-    line = ProgressLine("inspecting")
-
-    def show(progress: Progress) -> None:
-        line.show(progress.frames, progress.share)
-
-    try:
-        summary = inspect_inputs(options.inputs, options.out, segmenter, settings, progress=show)
-    finally:
-        line.close()
+    with watch(options, "inspecting") as report:
+        summary = inspect_inputs(options.inputs, options.out, segmenter, settings, progress=report)
     if options.json:
         print(json.dumps(summary.as_json()))
-        return DONE
-    _print_summary(summary)
+    elif not options.quiet:
+        _print_summary(summary)
     return DONE
 
 
