@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,17 +14,18 @@ import cv2
 
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError, OutputError
-from railinspect.events import Event, EventSettings
+from railinspect.events import EventSettings
+from railinspect.input_results import InputResults, InputSummary
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
-from railinspect.progress import Progress
-from railinspect.records import FrameRecord, event_json
+from railinspect.progress import Progress, Report
+from railinspect.records import FrameRecord
 from railinspect.report import write_report
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
 from railinspect.speed_log import SpeedLog
 from railinspect.thresholds import Thresholds
-from railinspect.video import Break, Frame, Source, open_source
+from railinspect.video import Frame, Source, open_source
 from railinspect.warmup import warm_up
 from railops.braking import Policy, Train
 
@@ -55,29 +56,27 @@ class InspectSettings:
     folder_rate_hz: float | None = None
     overlay: bool = True
 
-
-@dataclass
-class InputSummary:
-    """What one input gave; counts are frames, times are media seconds."""
-
-    name: str
-    path: str
-    kind: str
-    size_wh: tuple[int, int]
-    announced_frames: int | None
-    announced_duration_s: float | None
-    frames: int = 0
-    clear_frames: int = 0
-    finding_frames: int = 0
-    unknown_frames: int = 0
-    followed_frames: int = 0
-    speed_unknown_frames: int = 0
-    first_time_s: float | None = None
-    last_time_s: float | None = None
-    events: int = 0
-    overlay: str | None = None
-    breaks: list[Break] = field(default_factory=list)
-    break_count: int = 0
+    def inspector(
+        self,
+        segmenter: SegmentFunction,
+        kind: str,
+        *,
+        first_event_id: int = 1,
+        steps: Steps | None = None,
+    ) -> Inspector:
+        """An inspector for one input of a kind ("video", "folder", "image")."""
+        return Inspector(
+            segmenter,
+            self.camera,
+            self.train,
+            self.policy,
+            thresholds=self.thresholds,
+            event_settings=EventSettings.still() if kind == "image" else self.events,
+            speed_log=self.speed_log,
+            speed_is_known=self.speed_is_known,
+            first_event_id=first_event_id,
+            steps=steps,
+        )
 
 
 @dataclass(frozen=True)
@@ -152,7 +151,7 @@ def inspect_inputs(
     segmenter: SegmentFunction,
     settings: InspectSettings | None = None,
     *,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Report | None = None,
     steps: Steps | None = None,
 ) -> RunSummary:
     """Inspect inputs one after another and write a run folder.
@@ -230,7 +229,7 @@ class _Run:
         self._frames = 0
         self._seconds = 0.0
 
-    def inspect(self, first: Source, progress: Callable[[Progress], None] | None) -> RunSummary:
+    def inspect(self, first: Source, progress: Report | None) -> RunSummary:
         """Inspect every input; publish whatever was finished, whatever happens."""
         complete = False
         self._frames_file = JsonLines(self._folder.part("frames.jsonl"))
@@ -257,29 +256,14 @@ class _Run:
     def _open(self, path: Path) -> Source:
         return open_source(path, self._settings.folder_rate_hz)
 
-    def _one(self, source: Source, name: str, progress: Callable[[Progress], None] | None) -> None:
-        summary = InputSummary(
-            name=name,
-            path=str(source.path),
-            kind=source.kind,
-            size_wh=source.size_wh,
-            announced_frames=source.frames_expected,
-            announced_duration_s=source.duration_s,
-        )
+    def _one(self, source: Source, name: str, progress: Report | None) -> None:
+        summary = InputSummary.of(source, name)
         self._summaries.append(summary)
         still = source.kind == "image"
-        inspector = Inspector(
-            self._segmenter,
-            self._settings.camera,
-            self._settings.train,
-            self._settings.policy,
-            thresholds=self._settings.thresholds,
-            event_settings=EventSettings.still() if still else self._settings.events,
-            speed_log=self._settings.speed_log,
-            speed_is_known=self._settings.speed_is_known,
-            first_event_id=self._next_id,
-            steps=self._steps,
+        inspector = self._settings.inspector(
+            self._segmenter, source.kind, first_event_id=self._next_id, steps=self._steps
         )
+        results = InputResults(summary, self._frames_file, self._events_file, self._folder.part)
         began_s, before_s = time.perf_counter(), self._seconds
         with ExitStack() as stack:
             overlay: OverlayVideo | None = None
@@ -287,13 +271,12 @@ class _Run:
                 summary.overlay = f"overlay/{name}.mp4"
                 overlay = OverlayVideo(self._folder.part(summary.overlay), source.size_wh)
                 stack.callback(overlay.close)
-            stack.callback(self._end_input, inspector, summary, source)
+            stack.callback(self._end_input, inspector, results, source)
             frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
             for frame, segmentation in frames:
                 record = inspector.feed(frame, segmentation)
-                self._count(summary, record)
-                self._frames_file.write({"input": name, **record.as_json()})
-                self._write_events(inspector.take_ended(), summary)
+                results.add_frame(record)
+                self._events += results.add_events(inspector.take_ended())
                 if overlay is not None:
                     overlay.write(frame.rgb, record)
                 elif self._settings.overlay:
@@ -301,50 +284,37 @@ class _Run:
                 self._frames += 1
                 self._seconds = before_s + time.perf_counter() - began_s
                 if progress is not None:
-                    progress(Progress(name, self._frames, self._share(source, summary)))
+                    progress(self._progress(source, summary))
         self._seconds = before_s + time.perf_counter() - began_s
+        if progress is not None:
+            progress(replace(self._progress(source, summary), inputs_done=len(self._summaries)))
+
+    def _progress(self, source: Source, summary: InputSummary) -> Progress:
+        return Progress(
+            summary.name,
+            self._frames,
+            self._share(source, summary),
+            unknown_frames=sum(one.unknown_frames for one in self._summaries),
+            events=sum(one.events for one in self._summaries),
+            inputs=len(self._paths),
+            inputs_done=len(self._summaries) - 1,
+        )
 
     def _share(self, source: Source, summary: InputSummary) -> float | None:
         """Share done: by media time where a duration is announced, else by frames."""
-        assert summary.first_time_s is not None
-        assert summary.last_time_s is not None
         if source.duration_s:
-            own = (summary.last_time_s - summary.first_time_s) / source.duration_s
+            own = ((summary.last_time_s or 0.0) - (summary.first_time_s or 0.0)) / source.duration_s
         elif source.frames_expected:
             own = summary.frames / source.frames_expected
         else:
             return None
         return (len(self._summaries) - 1 + min(own, 1.0)) / len(self._paths)
 
-    def _end_input(self, inspector: Inspector, summary: InputSummary, source: Source) -> None:
-        self._write_events(inspector.finish(), summary)
+    def _end_input(self, inspector: Inspector, results: InputResults, source: Source) -> None:
+        self._events += results.add_events(inspector.finish())
         self._next_id = inspector.next_event_id
-        summary.break_count = source.break_count
-        summary.breaks = source.breaks
-
-    @staticmethod
-    def _count(summary: InputSummary, record: FrameRecord) -> None:
-        summary.frames += 1
-        summary.clear_frames += record.status == "clear"
-        summary.finding_frames += record.status == "finding"
-        summary.unknown_frames += record.status == "unknown"
-        summary.followed_frames += record.followed
-        summary.speed_unknown_frames += record.speed_mps is None
-        if summary.first_time_s is None:
-            summary.first_time_s = record.time_s
-        summary.last_time_s = record.time_s
-
-    def _write_events(self, events: tuple[Event, ...], summary: InputSummary) -> None:
-        for event in events:
-            thumbnail = None
-            if event.thumbnail_jpeg is not None:
-                thumbnail = f"thumbnails/event-{event.id:05d}.jpg"
-                part = self._folder.part(thumbnail)
-                part.write_bytes(event.thumbnail_jpeg)
-            row = event_json(event, summary.name, thumbnail)
-            self._events_file.write(row)
-            self._events.append(row)
-            summary.events += 1
+        results.summary.break_count = source.break_count
+        results.summary.breaks = source.breaks
 
     def _overlay_still(self, frame: Frame, record: FrameRecord, summary: InputSummary) -> None:
         summary.overlay = f"overlay/{summary.name}.png"

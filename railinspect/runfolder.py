@@ -12,7 +12,14 @@ from railinspect.errors import OutputError
 PART: Final = ".part"
 """Ending of a file that is still being written."""
 
-RUN_FILES: Final = ("run.json", "frames.jsonl", "events.jsonl", "events.parquet", "report.html")
+RUN_FILES: Final = (
+    "run.json",
+    "frames.jsonl",
+    "events.jsonl",
+    "events.parquet",
+    "report.html",
+    "fleet.json",
+)
 """Files whose presence, finished or not, says that a folder already holds a run."""
 
 

@@ -1,0 +1,1 @@
+"""Inspecting many recordings: engines, restart, and what is made of the results."""
