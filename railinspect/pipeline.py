@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -127,6 +127,16 @@ class Inspector:
     def next_event_id(self) -> int:
         """The id the next confirmed event will get."""
         return self._events.next_id
+
+    def pass_by(self, times_s: Sequence[float]) -> None:
+        """Let the train run through frames that are not inspected.
+
+        Args:
+            times_s: Their media times, seconds, rising, before that of the next frame fed.
+        """
+        if self._journey is not None:
+            for time_s in times_s:
+                self._journey.advance(time_s)
 
     def __call__(self, frame: Frame) -> FrameRecord:
         """The same as :meth:`feed`."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from bisect import bisect_right
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -94,11 +95,36 @@ class Source:
         """Yield the frames."""
         raise NotImplementedError
 
+    def clock(self) -> tuple[float, float] | None:
+        """Times of the first and the last frame, seconds, by which the input may be cut.
+
+        None where the times cannot be told without decoding, or do not rise as they should.
+        Before the iteration only.
+        """
+        return None
+
+    def seek(self, time_s: float, remember: int = 0) -> list[float]:
+        """Leave out frames before a media time, as far as that saves work.
+
+        The next frame is the one at ``time_s`` or any before it; indices count from it. Frames
+        and times are those that reading from the beginning gives. Before the iteration only.
+
+        Args:
+            time_s: Media time, seconds.
+            remember: Of how many of the frames left out, at most, the times are wanted.
+
+        Returns:
+            The times of the last frames left out, seconds, rising.
+        """
+        return []
+
     def close(self) -> None:
         """Release the file."""
 
 
-def open_source(path: str | Path, folder_rate_hz: float | None = None) -> Source:
+def open_source(
+    path: str | Path, folder_rate_hz: float | None = None, decoder_threads: int = 2
+) -> Source:
     """Open a video file, a folder of images or a single image.
 
     Args:
@@ -106,6 +132,8 @@ def open_source(path: str | Path, folder_rate_hz: float | None = None) -> Source
             opened as video.
         folder_rate_hz: Frames per second of an image folder, > 0. By default the times are those
             in the file names where every name has one, else index / 10 s.
+        decoder_threads: Threads that decode a video; more than two would only add latency beside
+            the segmenter's own.
 
     Returns:
         The source, with its first picture's size already checked.
@@ -126,7 +154,7 @@ def open_source(path: str | Path, folder_rate_hz: float | None = None) -> Source
         raise BadInputError(f"input {path} is empty (0 bytes); copy the recording again")
     if path.suffix.lower() in IMAGE_SUFFIXES:
         return _ImageSource(path)
-    return _VideoSource(path)
+    return _VideoSource(path, decoder_threads)
 
 
 class _ImageSource(Source):
@@ -160,46 +188,119 @@ class _FolderSource(Source):
         named = None if rate_hz else times_from_names([file.stem for file in self._files])
         step_s = 1 / (rate_hz or DEFAULT_FOLDER_RATE_HZ)
         self._times_s = named or [index * step_s for index in range(len(files))]
-        self._first = read_image(self._files[0])
-        self.size_wh = (self._first.shape[1], self._first.shape[0])
+        first = read_image(self._files[0])
+        self.size_wh = (first.shape[1], first.shape[0])
         self.frames_expected = len(files)
         self.duration_s = self._times_s[-1] - self._times_s[0]
 
+    def clock(self) -> tuple[float, float] | None:
+        return self._times_s[0], self._times_s[-1]
+
+    def seek(self, time_s: float, remember: int = 0) -> list[float]:
+        left_out = max(bisect_right(self._times_s, time_s) - 1, 0)
+        times = self._times_s[max(left_out - remember, 0) : left_out]
+        self._files, self._times_s = self._files[left_out:], self._times_s[left_out:]
+        return times
+
     def __iter__(self) -> Iterator[Frame]:
-        index = 0
+        index, last_s = 0, self._times_s[0]
         for file, time_s in zip(self._files, self._times_s, strict=True):
             try:
-                rgb = self._first if index == 0 else read_image(file)
+                rgb = read_image(file)
             except BadInputError as error:
-                last_s = self._times_s[max(index - 1, 0)]
                 self.note_break(last_s, index - 1, f"skipped one file: {error}")
                 continue
             yield Frame(index, time_s, rgb)
-            index += 1
+            index, last_s = index + 1, time_s
 
 
 class _VideoSource(Source):
     kind = "video"
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, threads: int) -> None:
         super().__init__(path)
+        self._threads = threads
+        self._first_s: float | None = None
+        self._open()
+
+    def _open(self) -> None:
         try:
-            self._container = av.open(str(path), mode="r", metadata_errors="replace")
+            self._container = av.open(str(self.path), mode="r", metadata_errors="replace")
         except (av.FFmpegError, OSError, ValueError) as error:
-            raise BadInputError(_why_not_video(path)) from error
+            raise BadInputError(_why_not_video(self.path)) from error
         try:
             self._open_stream()
         except BaseException:
             self._container.close()
             raise
 
+    def clock(self) -> tuple[float, float] | None:
+        first, last_dts = self._first, -math.inf
+        times: list[float] = []
+        for packet in self._packets():
+            if packet.pts is None or packet.time_base is None:
+                return None
+            if packet.dts is not None and packet.dts < last_dts:
+                return None  # the clock was set back on the way
+            last_dts = last_dts if packet.dts is None else packet.dts
+            times.append(float(packet.pts * packet.time_base))
+        times.sort()
+        if first is None or first.time_s not in times or any(a >= b for a, b in pairwise(times)):
+            return None
+        return first.time_s, times[-1]
+
+    def seek(self, time_s: float, remember: int = 0) -> list[float]:
+        first_s = self._first_s
+        if first_s is None or time_s <= first_s:
+            return []
+        if not self._go_to(time_s, first_s):
+            self.close()
+            self._open()
+            return []
+        assert self._first is not None
+        reached_s = self._first.time_s
+        times: list[float] = []
+        for packet in self._packets(reached_s - (remember + 1) * self._step_s) if remember else ():
+            if packet.pts is not None and packet.time_base is not None:
+                times.append(float(packet.pts * packet.time_base))
+                if times[-1] > reached_s + 1.0:  # pictures are reordered by less
+                    break
+        return sorted(time for time in times if first_s <= time < reached_s)[-remember:]
+
+    def _go_to(self, time_s: float, first_s: float) -> bool:
+        """Stand before a frame at or before a time; False if that did not surely work."""
+        time_base = self._stream.time_base
+        if time_base is None:
+            return False
+        self._frames.close()
+        self.breaks, self.break_count = [], 0
+        try:
+            self._container.seek(round(time_s / time_base), stream=self._stream)
+        except av.FFmpegError:
+            return False
+        self._frames = self._decode()
+        self._first = next(self._frames, None)
+        return self._first is not None and first_s <= self._first.time_s <= time_s
+
+    def _packets(self, from_s: float = -math.inf) -> Iterator[av.Packet]:
+        """The recording's packets, from about a time on, as far as they can be read; undecoded."""
+        with (
+            contextlib.suppress(av.FFmpegError),
+            av.open(str(self.path), mode="r", metadata_errors="replace") as container,
+        ):
+            stream = container.streams.video[0]
+            if self._first_s is not None and from_s > self._first_s and stream.time_base:
+                container.seek(round(from_s / stream.time_base), stream=stream)
+            for packet in container.demux(stream):
+                if packet.size:
+                    yield packet
+
     def _open_stream(self) -> None:
         if not self._container.streams.video:
             raise BadInputError(f"{self.path} holds no video stream; give a recording with one")
         self._stream = stream = self._container.streams.video[0]
         stream.thread_type = "AUTO"
-        # Two decoding threads: more would only add latency beside the segmenter's own.
-        stream.codec_context.thread_count = 2
+        stream.codec_context.thread_count = self._threads
         if stream.codec_context.width and stream.codec_context.height:
             check_size((stream.codec_context.width, stream.codec_context.height), str(self.path))
         rate = stream.average_rate or stream.guessed_rate
@@ -233,7 +334,7 @@ class _VideoSource(Source):
 
     def _decode(self) -> Generator[Frame, None, None]:
         """Decode packet by packet, so one damaged packet does not end the recording."""
-        index, last_s, start_s, damaged = 0, 0.0, 0.0, 0
+        index, last_s, damaged = 0, 0.0, 0
         for decoded in self._pictures():
             rgb = None if decoded is None else self._rgb(decoded)
             if decoded is None or rgb is None:
@@ -247,10 +348,10 @@ class _VideoSource(Source):
                 time_s = last_s + self._step_s if index else 0.0
             elif index and time_s <= last_s:  # a broken clock must not run backwards
                 time_s = last_s + self._step_s / 100
-            start_s = time_s if index == 0 else start_s
+            self._first_s = time_s if self._first_s is None else self._first_s
             yield Frame(index, float(time_s), rgb, bool(decoded.is_corrupt))
             index, last_s = index + 1, float(time_s)
-        missing_s = (self.duration_s or 0.0) - (last_s - start_s + self._step_s)
+        missing_s = (self.duration_s or 0.0) - (last_s - (self._first_s or 0.0) + self._step_s)
         if index and missing_s > max(2.5 * self._step_s, 0.02 * (self.duration_s or 0.0)):
             reason = (
                 f"the recording announces {self.duration_s:.2f} s but its pictures end "
