@@ -144,6 +144,7 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 
 def _add_inspect(commands: Any) -> None:
+    from railinspect.live_commands import add_follow, input_of
     from railinspect.watching import add_watching
 
     parser = _command(
@@ -154,7 +155,7 @@ def _add_inspect(commands: Any) -> None:
         "write a run folder: run.json, frames.jsonl, events.jsonl, events.parquet, "
         "overlay/NAME.mp4 and report.html.",
     )
-    parser.add_argument("inputs", nargs="+", metavar="INPUT", type=Path)
+    parser.add_argument("inputs", nargs="+", metavar="INPUT", type=input_of)
     parser.add_argument("--out", type=Path, required=True, help="run folder to create")
     parser.add_argument("--bundle", type=Path, help="ONNX bundle (default: the shipped one)")
     parser.add_argument(
@@ -200,6 +201,18 @@ def _add_inspect(commands: Any) -> None:
         help="threads of the network (default: all cores but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
+    parser.add_argument(
+        "--topic",
+        metavar="NAME",
+        help="topic of a bag's pictures (default: the only one there is)",
+    )
+    parser.add_argument(
+        "--rerun",
+        type=Path,
+        metavar="FILE.rrd",
+        help="also write pictures, rails, region, findings and ranges for the Rerun viewer",
+    )
+    add_follow(parser)
     add_watching(parser)
     parser.set_defaults(run=_run_inspect)
 
@@ -207,6 +220,8 @@ def _add_inspect(commands: Any) -> None:
 def _run_inspect(options: argparse.Namespace) -> int:
     from railinspect.batch import InspectSettings, inspect_inputs
     from railinspect.camera import Camera
+    from railinspect.live_commands import run_follow
+    from railinspect.sinks.rerun_file import opened_viewer
     from railinspect.watching import watch
 
     train, log, known = _train(options)
@@ -216,11 +231,17 @@ def _run_inspect(options: argparse.Namespace) -> int:
         speed_log=log,
         speed_is_known=known,
         folder_rate_hz=options.rate,
+        topic=options.topic,
         overlay=not options.no_overlay,
     )
     segmenter = _segmenter(options)
-    with watch(options, "inspecting") as report:
-        summary = inspect_inputs(options.inputs, options.out, segmenter, settings, progress=report)
+    with watch(options, "inspecting") as report, opened_viewer(options.rerun) as viewer:
+        if options.follow:
+            summary = run_follow(options, segmenter, settings, report, viewer)
+        else:
+            summary = inspect_inputs(
+                options.inputs, options.out, segmenter, settings, progress=report, viewer=viewer
+            )
     if options.json:
         print(json.dumps(summary.as_json()))
     elif not options.quiet:
@@ -263,6 +284,8 @@ def _print_summary(summary: RunSummary) -> None:
         f"{summary.events} events"
     )
     for one in summary.inputs:
+        if one.live is not None:
+            print(f"{one.name}: {one.live.dropped} of {one.live.received} live frames dropped")
         for broken in one.breaks[:5]:
             print(f"{one.name}: broke after {broken.time_s:.2f} s: {broken.reason}")
     _print_paths(summary.as_json()["paths"])

@@ -61,6 +61,7 @@ class FrameRecord:
             train was given.
         speed_mps: The train's speed, m/s; None where it is unknown or only assumed.
         speed_error_mps: By how much the train may be faster, m/s; None likewise.
+        stamp_ns: Unix time of the frame, nanoseconds, where its source states one.
     """
 
     index: int
@@ -77,12 +78,14 @@ class FrameRecord:
     advice: Advice | None
     speed_mps: float | None = None
     speed_error_mps: float | None = None
+    stamp_ns: int | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The object stored as one line of ``frames.jsonl``; pixels to 0.1, times to 1 µs."""
         return {
             "index": self.index,
             "time_s": round(self.time_s, 6),
+            "stamp_ns": self.stamp_ns,
             "status": self.status,
             "followed": self.followed,
             "reason": self.reason,
