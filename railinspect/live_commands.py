@@ -24,8 +24,8 @@ def add_follow(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--follow",
         action="store_true",
-        help="INPUT is an rtsp://, rtsps://, udp:// or tcp:// address or a file that is still being "
-        "written: inspect its newest frames as they come; frames that would make it late are "
+        help="INPUT is an rtsp://, rtsps://, udp:// or tcp:// address or a file that is still "
+        "being written: inspect its newest frames as they come; frames that would make it late are "
         "dropped and counted. Ctrl-C or SIGTERM ends the run in order.",
     )
     group.add_argument(
@@ -97,8 +97,8 @@ def stopped_by_signals(source: LiveSource) -> Iterator[None]:
             before[number] = signal.signal(number, end)
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for known, handler in before.items():
+            signal.signal(known, handler)
 
 
 def input_of(text: str) -> Path | str:

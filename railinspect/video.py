@@ -54,10 +54,10 @@ def open_source(
         raise BadInputError(f"folder rate is {folder_rate_hz} frames/s; give a positive number")
     if not path.exists():
         raise BadInputError(f"input {path} does not exist; check the spelling of the path")
-    bag = bag_files(path)
-    if bag:
-        return BagSource(path, bag, topic)
     if path.is_dir():
+        bag = bag_files(path)
+        if bag:
+            return BagSource(path, bag, topic)
         return FolderSource(path, folder_rate_hz)
     if not path.is_file():
         raise BadInputError(f"input {path} is neither a file nor a folder; give a recording")
@@ -65,6 +65,8 @@ def open_source(
         raise BadInputError(f"input {path} is empty (0 bytes); copy the recording again")
     if path.suffix.lower() in IMAGE_SUFFIXES:
         return ImageSource(path)
+    if bag_files(path):
+        return BagSource(path, [path], topic)
     return _VideoSource(path, decoder_threads)
 
 

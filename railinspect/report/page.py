@@ -114,7 +114,9 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
 
 def _live_note(live: Json) -> str:
     """What a live source's frames came to; nothing is claimed about those dropped."""
-    said = f"Followed live: {_count(live['dropped'], 'frame')} of {_count(live['received'], 'frame')}"
+    said = (
+        f"Followed live: {_count(live['dropped'], 'frame')} of {_count(live['received'], 'frame')}"
+    )
     said += " dropped, about which nothing is claimed"
     if live["latency_worst_s"] is not None:
         said += (
