@@ -42,7 +42,7 @@ class LiveSettings:
     """How a source is followed.
 
     Attributes:
-        max_wait_s: A frame waiting longer than this is dropped once a newer one is there, seconds.
+        max_wait_s: Once a frame has waited longer than this, only the newest is kept, seconds.
         max_waiting: At most this many decoded frames wait.
         behind_s: When the decoder is this far behind the source and does not catch up, pictures
             are left out up to the next one that stands alone, seconds.
@@ -145,6 +145,9 @@ class LiveSource(Source):
         """Stop reading; what still waits is dropped."""
         self._stop.set()
         self._thread.join(timeout=2.0)
+        with self._news:
+            self._dropped += len(self._waiting)
+            self._waiting.clear()
 
     def __iter__(self) -> Iterator[Frame]:
         index = 0
@@ -158,7 +161,7 @@ class LiveSource(Source):
             index += 1
 
     def _take(self) -> _Waiting | None:
-        """The oldest frame that has not waited too long; None at the end."""
+        """The next frame, or the newest where the next has waited too long; None at the end."""
         limit_s = self._settings.duration_s
         while True:
             now_s = time.monotonic()
@@ -171,9 +174,9 @@ class LiveSource(Source):
                 return None
             with self._news:
                 oldest_s = now_s - self._settings.max_wait_s
-                while len(self._waiting) > 1 and self._waiting[0].arrived_s < oldest_s:
-                    self._waiting.popleft()
-                    self._dropped += 1
+                if self._waiting and self._waiting[0].arrived_s < oldest_s:
+                    self._dropped += len(self._waiting) - 1
+                    self._waiting = deque([self._waiting[-1]])  # late already: only the newest
                 if self._waiting:
                     return self._waiting.popleft()
                 if self._over:
@@ -242,10 +245,14 @@ class LiveSource(Source):
                 tail = stack.enter_context(
                     contextlib.closing(Tail(self.path, self._settings.idle_s, self._stop))
                 )
-                options = {"format_whitelist": _FORMATS, "fflags": "nobuffer"}
                 container = av.open(
-                    tail, mode="r", metadata_errors="replace", options=options, buffer_size=16384
+                    tail,
+                    mode="r",
+                    metadata_errors="replace",
+                    options={"format_whitelist": _FORMATS},
+                    buffer_size=16384,
                 )
+                tail.waited = False  # what was read to recognise the streams is no news any more
             stack.enter_context(contextlib.closing(container))
             if not container.streams.video:
                 raise BadInputError("it holds no video stream")
@@ -304,7 +311,6 @@ class LiveSource(Source):
                     self._received += 1
                     self._dropped += 1
                     continue
-            self._received += 1
             pictures: list[av.VideoFrame] = []
             for one in late:
                 if one.pts is not None:
@@ -332,6 +338,7 @@ class LiveSource(Source):
         age_s = time.monotonic() - came_s
         stamp_ns = time.time_ns() - round(age_s * 1e9)
         with self._news:
+            self._received += 1
             if len(self._waiting) >= self._settings.max_waiting:
                 self._waiting.popleft()
                 self._dropped += 1
