@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Final
@@ -178,7 +178,7 @@ def _nanoseconds(cell: str, column: str, path: Path, line: int) -> int:
         nanoseconds = int(value if column == "unix_ns" else value * _NS)
         if abs(nanoseconds) >= 2**63:
             raise ValueError
-    except (ValueError, InvalidOperation):
+    except (ValueError, ArithmeticError):
         wanted = "ISO 8601 with its zone" if column == "time_utc" else "a number"
         raise BadInputError(
             f"{path}, line {line}: {column} is {cell[:40]!r}; expected {wanted}"

@@ -94,8 +94,8 @@ def test_a_slow_inspector_gets_new_frames_and_the_rest_are_counted(tmp_path):
         source.done(frame)
     source.close()
     source.sender.join()
-    assert len(seen) < 15
-    assert source.live.dropped > 15
+    assert len(seen) < 12
+    assert source.live.dropped >= 5
     assert source.live.received == len(seen) + source.live.dropped
     assert source.live.latency_worst_s >= 0.25
 
