@@ -61,6 +61,38 @@ def prefetch(items: Iterable[T], depth: int = 2) -> Generator[T, None, None]:
         thread.join()
 
 
+def one_ahead(items: Iterable[T]) -> Generator[T, None, None]:
+    """Iterate in a background thread that asks for the next item when the last has been taken.
+
+    So an item is as new as it can be while its making overlaps with the use of the one before.
+    Whoever closes this while ``items`` waits for something must end that wait first.
+    """
+    wanted = threading.Semaphore(1)
+    closed = threading.Event()
+
+    def gated() -> Generator[T, None, None]:
+        iterator = iter(items)
+        while True:
+            wanted.acquire()
+            if closed.is_set():
+                return
+            try:
+                item = next(iterator)
+            except StopIteration:
+                return
+            yield item
+
+    ahead = prefetch(gated(), 1)
+    try:
+        for item in ahead:
+            wanted.release()
+            yield item
+    finally:
+        closed.set()
+        wanted.release()
+        ahead.close()
+
+
 class Worker(Generic[T]):
     """Hands items to a function in a background thread, in order, at most ``depth`` waiting.
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from logging import WARNING
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Protocol
 
 import cv2
 
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError, OutputError
-from railinspect.events import EventSettings
+from railinspect.events import Event, EventSettings
 from railinspect.input_results import InputResults, InputSummary
+from railinspect.logs import note
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
+from railinspect.progress import Progress, Report
 from railinspect.ranging.stereo_camera import StereoCamera
 from railinspect.records import FrameRecord
 from railinspect.report import write_report
@@ -44,6 +47,7 @@ class InspectSettings:
         thresholds: Limits above which a deviation is a finding.
         events: When findings become an event; a single image uses ``EventSettings.still()``.
         folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
+        topic: Topic of a bag's pictures; None takes the only one there is.
         overlay: Whether to write the overlay video.
         right: The right-hand recording of a rectified stereo pair; fits one input.
         stereo: The pair's calibration; needed with ``right``.
@@ -57,6 +61,7 @@ class InspectSettings:
     thresholds: Thresholds = field(default_factory=Thresholds)
     events: EventSettings = field(default_factory=EventSettings)
     folder_rate_hz: float | None = None
+    topic: str | None = None
     overlay: bool = True
     right: Path | None = None
     stereo: StereoCamera | None = None
@@ -85,20 +90,28 @@ class InspectSettings:
         )
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is.
+MAX_LOGGED_BREAKS: Final = 100
+"""Breaks of one input that are logged; all that are kept stand in ``run.json``."""
 
-    Attributes:
-        name: Name of the present input.
-        frames: Frames done over all inputs.
-        share: Share of all inputs that is done, 0 to 1; None if an input does not say how long
-            it is.
-    """
+LOGGED_OF_EVENT: Final = (
+    "id",
+    "input",
+    "type",
+    "confidence",
+    "first_time_s",
+    "last_time_s",
+    "first_range_m",
+    "closest_range_m",
+    "advice",
+)
+"""What the log says about an event; the rest is in ``events.jsonl``."""
 
-    name: str
-    frames: int
-    share: float | None
+
+class Viewer(Protocol):
+    """Something beside the run folder that is shown every frame."""
+
+    def write(self, name: str, frame: Frame, record: FrameRecord) -> None:
+        """Take in one frame of an input and its record."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +169,7 @@ class RunSummary:
             "finding_frames": sum(one.finding_frames for one in self.inputs),
             "events": self.events,
             "breaks": sum(one.break_count for one in self.inputs),
+            "dropped_frames": sum(one.live.dropped for one in self.inputs if one.live),
             "complete": self.complete,
             "paths": {
                 "run": str(self.folder),
@@ -174,8 +188,9 @@ def inspect_inputs(
     segmenter: SegmentFunction,
     settings: InspectSettings | None = None,
     *,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Report | None = None,
     steps: Steps | None = None,
+    viewer: Viewer | None = None,
 ) -> RunSummary:
     """Inspect inputs one after another and write a run folder.
 
@@ -188,8 +203,9 @@ def inspect_inputs(
         out: The run folder to create.
         segmenter: Callable from an RGB image to a ``Segmentation``.
         settings: How to inspect.
-        progress: Called after every frame.
+        progress: Called after every frame and every input.
         steps: Replaces single steps of the frame loop.
+        viewer: Also given every frame with its record.
 
     Returns:
         The summary, also stored as ``run.json``.
@@ -210,15 +226,53 @@ def inspect_inputs(
             raise BadInputError("a right-hand recording needs the stereo pair's calibration")
         open_source(settings.right, settings.folder_rate_hz).close()
     for path in paths[1:]:
-        open_source(path, settings.folder_rate_hz).close()
-    first = open_source(paths[0], settings.folder_rate_hz)
+        open_source(path, settings.folder_rate_hz, topic=settings.topic).close()
+    first = open_source(paths[0], settings.folder_rate_hz, topic=settings.topic)
     try:
         _check_speed_log(settings.speed_log, paths, first)
-        run = _Run(RunFolder.claim(out), paths, segmenter, settings, steps)
+        run = _Run(RunFolder.claim(out), paths, segmenter, settings, steps, viewer)
     except BaseException:
         first.close()
         raise
     return run.inspect(first, progress)
+
+
+def inspect_live(
+    source: Source,
+    out: str | Path,
+    segmenter: SegmentFunction,
+    settings: InspectSettings | None = None,
+    *,
+    progress: Report | None = None,
+    steps: Steps | None = None,
+    viewer: Viewer | None = None,
+) -> RunSummary:
+    """Inspect one source that is already open, such as a ``LiveSource``, into a run folder.
+
+    Its files can be read while the run goes on, under their names plus ``.part``.
+
+    Args:
+        source: The source; it is closed at the end.
+        out: The run folder to create.
+        segmenter: Callable from an RGB image to a ``Segmentation``.
+        settings: How to inspect.
+        progress: Called after every frame, and at the end.
+        steps: Replaces single steps of the frame loop.
+        viewer: Also given every frame with its record.
+
+    Returns:
+        The summary, also stored as ``run.json``.
+
+    Raises:
+        OutputError: if the folder cannot be written to or already holds a run.
+    """
+    settings = settings or InspectSettings()
+    try:
+        run = _Run(RunFolder.claim(out), [source.path], segmenter, settings, steps, viewer)
+    except BaseException:
+        source.close()
+        raise
+    return run.inspect(source, progress)
 
 
 def _check_speed_log(log: SpeedLog | None, paths: Sequence[Path], source: Source) -> None:
@@ -251,7 +305,9 @@ class _Run:
         segmenter: SegmentFunction,
         settings: InspectSettings,
         steps: Steps | None,
+        viewer: Viewer | None,
     ) -> None:
+        self._viewer = viewer
         self._folder, self._paths, self._settings = folder, paths, settings
         self._segmenter, self._steps = segmenter, steps
         self._started = datetime.now(UTC)
@@ -261,7 +317,7 @@ class _Run:
         self._frames = 0
         self._seconds = 0.0
 
-    def inspect(self, first: Source, progress: Callable[[Progress], None] | None) -> RunSummary:
+    def inspect(self, first: Source, progress: Report | None) -> RunSummary:
         """Inspect every input; publish whatever was finished, whatever happens."""
         complete = False
         self._frames_file = JsonLines(self._folder.part("frames.jsonl"))
@@ -286,11 +342,12 @@ class _Run:
         return summary
 
     def _open(self, path: Path) -> Source:
-        return open_source(path, self._settings.folder_rate_hz)
+        return open_source(path, self._settings.folder_rate_hz, topic=self._settings.topic)
 
-    def _one(self, source: Source, name: str, progress: Callable[[Progress], None] | None) -> None:
+    def _one(self, source: Source, name: str, progress: Report | None) -> None:
         summary = InputSummary.of(source, name)
         self._summaries.append(summary)
+        note("input begun", input=name, path=summary.path, kind=source.kind, size_wh=source.size_wh)
         still = source.kind == "image"
         inspector = self._settings.inspector(
             self._segmenter, source.kind, first_event_id=self._next_id, steps=self._steps
@@ -310,16 +367,36 @@ class _Run:
                 beside = right.at(frame.time_s) if right is not None else None
                 record = inspector.feed(frame, segmentation, beside)
                 results.add_frame(record)
-                self._events += results.add_events(inspector.take_ended())
+                self._add_events(results, inspector.take_ended())
                 if overlay is not None:
                     overlay.write(frame.rgb, record)
                 elif self._settings.overlay:
                     self._overlay_still(frame, record, summary)
+                if self._viewer is not None:
+                    self._viewer.write(name, frame, record)
+                source.done(frame)
+                summary.live = source.live
                 self._frames += 1
                 self._seconds = before_s + time.perf_counter() - began_s
                 if progress is not None:
-                    progress(Progress(name, self._frames, self._share(source, summary)))
+                    progress(self._progress(source, summary))
         self._seconds = before_s + time.perf_counter() - began_s
+        note("input ended", **asdict(replace(summary, breaks=[])))
+        if progress is not None:
+            progress(replace(self._progress(source, summary), inputs_done=len(self._summaries)))
+
+    def _progress(self, source: Source, summary: InputSummary) -> Progress:
+        return Progress(
+            summary.name,
+            self._frames,
+            self._share(source, summary),
+            unknown_frames=sum(one.unknown_frames for one in self._summaries),
+            events=sum(one.events for one in self._summaries),
+            dropped_frames=summary.live.dropped if summary.live else 0,
+            latency_s=summary.live.latency_s if summary.live else None,
+            inputs=len(self._paths),
+            inputs_done=len(self._summaries) - 1,
+        )
 
     def _right(self, stack: ExitStack) -> RightPictures | None:
         if self._settings.right is None:
@@ -328,10 +405,8 @@ class _Run:
 
     def _share(self, source: Source, summary: InputSummary) -> float | None:
         """Share done: by media time where a duration is announced, else by frames."""
-        assert summary.first_time_s is not None
-        assert summary.last_time_s is not None
         if source.duration_s:
-            own = (summary.last_time_s - summary.first_time_s) / source.duration_s
+            own = ((summary.last_time_s or 0.0) - (summary.first_time_s or 0.0)) / source.duration_s
         elif source.frames_expected:
             own = summary.frames / source.frames_expected
         else:
@@ -339,10 +414,18 @@ class _Run:
         return (len(self._summaries) - 1 + min(own, 1.0)) / len(self._paths)
 
     def _end_input(self, inspector: Inspector, results: InputResults, source: Source) -> None:
-        self._events += results.add_events(inspector.finish())
+        self._add_events(results, inspector.finish())
         self._next_id = inspector.next_event_id
+        results.summary.live = source.live
         results.summary.break_count = source.break_count
         results.summary.breaks = source.breaks
+        for broken in source.breaks[:MAX_LOGGED_BREAKS]:
+            note("reading failed", level=WARNING, input=results.summary.name, **asdict(broken))
+
+    def _add_events(self, results: InputResults, events: Iterable[Event]) -> None:
+        for row in results.add_events(events):
+            self._events.append(row)
+            note("event ended", **{key: row[key] for key in LOGGED_OF_EVENT})
 
     def _overlay_still(self, frame: Frame, record: FrameRecord, summary: InputSummary) -> None:
         summary.overlay = f"overlay/{summary.name}.png"

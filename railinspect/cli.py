@@ -154,6 +154,8 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 def _add_inspect(commands: Any) -> None:
     from railinspect.fleet.commands import add_fleet_options
+    from railinspect.live_commands import add_follow, input_of
+    from railinspect.watching import add_watching
 
     parser = _command(
         commands,
@@ -163,7 +165,7 @@ def _add_inspect(commands: Any) -> None:
         "write a run folder: run.json, frames.jsonl, events.jsonl, events.parquet, "
         "overlay/NAME.mp4 and report.html. Many recordings make a fleet run, see below.",
     )
-    parser.add_argument("inputs", nargs="+", metavar="INPUT", type=Path)
+    parser.add_argument("inputs", nargs="+", metavar="INPUT", type=input_of)
     parser.add_argument("--out", type=Path, required=True, help="run folder to create")
     parser.add_argument("--bundle", type=Path, help="ONNX bundle (default: the shipped one)")
     parser.add_argument(
@@ -224,17 +226,32 @@ def _add_inspect(commands: Any) -> None:
         help="run the network a second time on the middle of pictures 1000 pixels wide or wider; "
         "needs --camera",
     )
+    parser.add_argument(
+        "--topic",
+        metavar="NAME",
+        help="topic of a bag's pictures (default: the only one there is)",
+    )
+    parser.add_argument(
+        "--rerun",
+        type=Path,
+        metavar="FILE.rrd",
+        help="also write pictures, rails, region, findings and ranges for the Rerun viewer",
+    )
+    add_follow(parser)
+    add_watching(parser)
     add_fleet_options(parser)
     parser.set_defaults(run=_run_inspect)
 
 
 def _run_inspect(options: argparse.Namespace) -> int:
-    from railinspect.batch import InspectSettings, Progress, inspect_inputs
+    from railinspect.batch import InspectSettings, inspect_inputs
     from railinspect.camera import Camera
     from railinspect.fleet.commands import is_fleet_run, run_fleet
     from railinspect.fovea import Fovea
-    from railinspect.progress import ProgressLine
+    from railinspect.live_commands import run_follow
     from railinspect.ranging.stereo_camera import StereoCamera
+    from railinspect.sinks.rerun_file import opened_viewer
+    from railinspect.watching import watch
 
     if (options.right is None) != (options.calibration is None):
         raise BadInputError("a stereo pair needs both --right and --calibration")
@@ -245,14 +262,16 @@ def _run_inspect(options: argparse.Namespace) -> int:
         speed_log=log,
         speed_is_known=known,
         folder_rate_hz=options.rate,
+        topic=options.topic,
         overlay=not options.no_overlay,
         right=options.right,
         stereo=StereoCamera.load(options.calibration) if options.calibration else None,
     )
     if is_fleet_run(options):
-        if options.right is not None or options.closer_look:
+        if options.right is not None or options.closer_look or options.rerun or options.follow:
             raise BadInputError(
-                "--right and --closer-look inspect one recording; leave them out of a fleet run"
+                "--right, --closer-look, --rerun and --follow go with one recording; leave them "
+                "out of a fleet run"
             )
         return run_fleet(options, settings)
     segmenter = _segmenter(options)
@@ -260,19 +279,17 @@ def _run_inspect(options: argparse.Namespace) -> int:
         if settings.camera is None:
             raise BadInputError("--closer-look needs --camera to know where the horizon lies")
         segmenter = Fovea(segmenter, settings.camera)
-    line = ProgressLine("inspecting")
-
-    def show(progress: Progress) -> None:
-        line.show(progress.frames, progress.share)
-
-    try:
-        summary = inspect_inputs(options.inputs, options.out, segmenter, settings, progress=show)
-    finally:
-        line.close()
+    with watch(options, "inspecting") as report, opened_viewer(options.rerun) as viewer:
+        if options.follow:
+            summary = run_follow(options, segmenter, settings, report, viewer)
+        else:
+            summary = inspect_inputs(
+                options.inputs, options.out, segmenter, settings, progress=report, viewer=viewer
+            )
     if options.json:
         print(json.dumps(summary.as_json()))
-        return DONE
-    _print_summary(summary)
+    elif not options.quiet:
+        _print_summary(summary)
     return DONE
 
 
@@ -312,6 +329,8 @@ def _print_summary(summary: RunSummary) -> None:
         f"{summary.events} events"
     )
     for one in summary.inputs:
+        if one.live is not None:
+            print(f"{one.name}: {one.live.dropped} of {one.live.received} live frames dropped")
         for broken in one.breaks[:5]:
             print(f"{one.name}: broke after {broken.time_s:.2f} s: {broken.reason}")
     _print_paths(summary.as_json()["paths"])

@@ -51,14 +51,30 @@ def read_image(path: Path) -> Image:
         raise BadInputError(f"cannot read image {path}: {error.strerror or error}") from error
     if not data:
         raise BadInputError(f"image {path} is empty (0 bytes); copy the file again")
+    return decode_image(data, str(path))
+
+
+def decode_image(data: bytes, name: str) -> Image:
+    """Decode the bytes of a picture file as :func:`read_image` does.
+
+    Args:
+        data: The file's bytes.
+        name: What to call it in a message.
+
+    Returns:
+        RGB image, shape (H, W, 3).
+
+    Raises:
+        BadInputError: as :func:`read_image`.
+    """
     size = header_size_wh(data)
     if size is None:
         raise BadInputError(
-            f"{path} is not a PNG, JPEG, BMP, TIFF or WebP image; check that its contents match "
+            f"{name} is not a PNG, JPEG, BMP, TIFF or WebP image; check that its contents match "
             "its name"
         )
-    check_size(size, str(path))
-    return _to_rgb8(_decode(data, path))
+    check_size(size, name)
+    return _to_rgb8(_decode(data, name))
 
 
 def check_size(size_wh: tuple[int, int], name: str) -> None:
@@ -148,7 +164,7 @@ def _webp_size_wh(data: bytes) -> tuple[int, int] | None:
     return None
 
 
-def _decode(data: bytes, path: Path) -> Decoded:
+def _decode(data: bytes, name: str) -> Decoded:
     """Decode to (H, W, 3 or 4) BGR(A), 8 or 16 bits; damaged files raise."""
     log = cv2.utils.logging
     level = log.getLogLevel()
@@ -164,10 +180,10 @@ def _decode(data: bytes, path: Path) -> Decoded:
     finally:
         log.setLogLevel(level)
     if decoded is None:
-        raise BadInputError(f"image {path} is damaged and cannot be decoded; copy the file again")
+        raise BadInputError(f"image {name} is damaged and cannot be decoded; copy the file again")
     if decoded.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         raise BadInputError(
-            f"image {path} stores {decoded.dtype} values; convert it to 8 or 16 bits per channel"
+            f"image {name} stores {decoded.dtype} values; convert it to 8 or 16 bits per channel"
         )
     if decoded.ndim == 2:
         decoded = cv2.cvtColor(decoded, cv2.COLOR_GRAY2BGR)

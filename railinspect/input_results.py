@@ -10,7 +10,7 @@ from typing import Any
 from railinspect.events import Event
 from railinspect.records import FrameRecord, event_json
 from railinspect.sinks import JsonLines
-from railinspect.video import Break, Source
+from railinspect.source import Break, LiveCount, Source
 
 
 @dataclass
@@ -40,6 +40,8 @@ class InputSummary:
     overlay: str | None = None
     breaks: list[Break] = field(default_factory=list)
     break_count: int = 0
+    stamped_by: str | None = None
+    live: LiveCount | None = None
 
     @staticmethod
     def of(source: Source, name: str) -> InputSummary:
@@ -51,6 +53,7 @@ class InputSummary:
             size_wh=source.size_wh,
             announced_frames=source.frames_expected,
             announced_duration_s=source.duration_s,
+            stamped_by=source.stamped_by,
         )
 
     def count(self, record: FrameRecord) -> None:

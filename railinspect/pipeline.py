@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from railinspect._threads import prefetch
+from railinspect._threads import one_ahead, prefetch
 from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
@@ -226,6 +226,7 @@ class Inspector:
             speed_mps=self.speed_mps,
             speed_error_mps=self._speed_error_mps,
             camera_drift=drift.alarm if drift is not None else None,
+            stamp_ns=frame.stamp_ns,
         )
 
     def take_ended(self) -> tuple[Event, ...]:
@@ -452,10 +453,19 @@ def segmented_frames(
     """A source's frames with their segmentations, in order; closes the source at the end.
 
     Decoding and segmenting run ahead in a thread each: both release the interpreter, so the
-    next frame's network runs while this frame's track is followed. At most five frames wait.
+    next frame's network runs while this frame's track is followed. At most five frames wait; of
+    a live source none does, and the network takes the newest frame when the last one is taken.
 
     Close the iterator when leaving early, as ``contextlib.closing`` does.
     """
+    if source.kind == "live":
+        newest = one_ahead((frame, segmenter(frame.rgb)) for frame in source)
+        try:
+            yield from newest
+        finally:
+            source.close()  # ends a wait for the next frame
+            newest.close()
+        return
     with closing(source), closing(prefetch(source, depth=2)) as frames:
         ahead = prefetch(((frame, segmenter(frame.rgb)) for frame in frames), depth=1)
         try:

@@ -1,14 +1,50 @@
-"""A one-line progress display on standard error: share done, frames per second, time left."""
+"""How far a run is, and a one-line display of it: share done, frames per second, time left."""
 
 from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final, TextIO
 
 _REDRAW_S: Final = 0.1
 _PLAIN_S: Final = 10.0
 _WIDTH: Final = 28
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is; every count is over the whole run so far.
+
+    Attributes:
+        name: Name of the present input.
+        frames: Frames inspected.
+        share: Share of all inputs that is done, 0 to 1; None if an input does not say how long
+            it is.
+        unknown_frames: Frames in which nothing can be said.
+        events: Events that ended.
+        dropped_frames: Frames a live source delivered and nothing inspected.
+        latency_s: From a live frame's arrival to its record, seconds; None where nothing is live.
+        inputs: How many inputs the run has.
+        inputs_done: How many of them are finished.
+        inputs_bad: How many of them could not be read.
+    """
+
+    name: str
+    frames: int
+    share: float | None
+    unknown_frames: int = 0
+    events: int = 0
+    dropped_frames: int = 0
+    latency_s: float | None = None
+    inputs: int = 1
+    inputs_done: int = 0
+    inputs_bad: int = 0
+
+
+Report = Callable[[Progress], None]
+"""What a run calls after every frame and after every input."""
 
 
 class ProgressLine:

@@ -63,6 +63,7 @@ class FrameRecord:
         speed_error_mps: By how much the train may be faster, m/s; None likewise.
         camera_drift: How the camera has moved from its calibration; None while it has not, while
             too little was seen to tell, and without a calibration.
+        stamp_ns: Unix time of the frame, nanoseconds, where its source states one.
     """
 
     index: int
@@ -80,12 +81,14 @@ class FrameRecord:
     speed_mps: float | None = None
     speed_error_mps: float | None = None
     camera_drift: str | None = None
+    stamp_ns: int | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The object stored as one line of ``frames.jsonl``; pixels to 0.1, times to 1 µs."""
         return {
             "index": self.index,
             "time_s": round(self.time_s, 6),
+            "stamp_ns": self.stamp_ns,
             "status": self.status,
             "followed": self.followed,
             "reason": self.reason,

@@ -48,6 +48,7 @@ def run_info(started: datetime, segmenter: object, settings: InspectSettings) ->
         "settings": {
             "overlay": settings.overlay,
             "folder_rate_hz": settings.folder_rate_hz,
+            "topic": settings.topic,
             "speed_mps": train.speed_mps if train and log is None else None,
             "speed_is_known": settings.speed_is_known and (log or train) is not None,
             "speed_log": None

@@ -1,139 +1,47 @@
-"""Frames in order from a video file, a folder of images or one image.
+"""Frames in order from a video file; and the door to every recording, :func:`open_source`.
 
-Times are the media's own: a video's presentation timestamps, a folder's file-name timestamps or
-its stated rate. Nothing here holds more than a few frames, however long the recording.
+A video's times are its own presentation timestamps.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-import re
-from bisect import bisect_right
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Literal, cast
+from typing import Any, cast
 
 import av
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.bags import BagSource, bag_files
 from railinspect.errors import BadInputError
-from railinspect.images import IMAGE_SUFFIXES, check_size, read_image
+from railinspect.image_folder import FolderSource, ImageSource
+from railinspect.images import IMAGE_SUFFIXES, check_size
+from railinspect.source import Break, Frame, Source
 
-DEFAULT_FOLDER_RATE_HZ: Final = 10.0
-"""Frames per second of an image folder whose rate is neither given nor in its file names."""
-
-MAX_BREAKS: Final = 1000
-"""Breaks of one input that are listed; more are only counted."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One picture with its place in time.
-
-    Attributes:
-        index: Position in the input, 0 for the first frame delivered.
-        time_s: Presentation time, seconds, strictly increasing within an input.
-        rgb: Image, uint8, shape (H, W, 3).
-        damaged: The decoder had to invent part of the picture.
-    """
-
-    index: int
-    time_s: float
-    rgb: npt.NDArray[np.uint8]
-    damaged: bool = False
-
-
-@dataclass(frozen=True)
-class Break:
-    """Where an input stopped being readable although more of it was announced.
-
-    Attributes:
-        time_s: Presentation time of the last frame before the break, seconds.
-        frame_index: Index of that frame.
-        reason: What went wrong, one sentence without a full stop.
-    """
-
-    time_s: float
-    frame_index: int
-    reason: str
-
-
-class Source:
-    """An input that can be iterated once, in order.
-
-    Attributes:
-        path: The file or folder.
-        kind: "video", "folder" or "image".
-        size_wh: Size of the first picture, pixels.
-        frames_expected: Announced number of frames, or None; only good for a progress bar.
-        duration_s: Announced duration, seconds, or None.
-        breaks: Where reading failed, the first 1000; complete once the iteration has ended.
-        break_count: How often reading failed.
-    """
-
-    kind: Literal["video", "folder", "image"]
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.size_wh = (0, 0)
-        self.frames_expected: int | None = None
-        self.duration_s: float | None = None
-        self.breaks: list[Break] = []
-        self.break_count = 0
-
-    def note_break(self, time_s: float, frame_index: int, reason: str) -> None:
-        """Record that reading failed after a frame."""
-        self.break_count += 1
-        if len(self.breaks) < MAX_BREAKS:
-            self.breaks.append(Break(time_s, frame_index, reason))
-
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames."""
-        raise NotImplementedError
-
-    def clock(self) -> tuple[float, float] | None:
-        """Times of the first and the last frame, seconds, by which the input may be cut.
-
-        None where the times cannot be told without decoding, or do not rise as they should.
-        Before the iteration only.
-        """
-        return None
-
-    def seek(self, time_s: float, remember: int = 0) -> list[float]:
-        """Leave out frames before a media time, as far as that saves work.
-
-        The next frame is the one at ``time_s`` or any before it; indices count from it. Frames
-        and times are those that reading from the beginning gives. Before the iteration only.
-
-        Args:
-            time_s: Media time, seconds.
-            remember: Of how many of the frames left out, at most, the times are wanted.
-
-        Returns:
-            The times of the last frames left out, seconds, rising.
-        """
-        return []
-
-    def close(self) -> None:
-        """Release the file."""
+__all__ = ["Break", "Frame", "Source", "open_source", "rgb_of"]
 
 
 def open_source(
-    path: str | Path, folder_rate_hz: float | None = None, decoder_threads: int = 2
+    path: str | Path,
+    folder_rate_hz: float | None = None,
+    decoder_threads: int = 2,
+    topic: str | None = None,
 ) -> Source:
-    """Open a video file, a folder of images or a single image.
+    """Open a video file, a bag of messages, a folder of images or a single image.
 
     Args:
-        path: The file or folder. Files ending in an image suffix are images; all others are
-            opened as video.
+        path: The file or folder. Files ending in an image suffix are images, those ending in
+            ``.mcap`` or ``.db3`` and folders that hold such files are bags; all others are opened
+            as video.
         folder_rate_hz: Frames per second of an image folder, > 0. By default the times are those
             in the file names where every name has one, else index / 10 s.
         decoder_threads: Threads that decode a video; more than two would only add latency beside
             the segmenter's own.
+        topic: Topic of a bag's pictures; None takes the only one there is.
 
     Returns:
         The source, with its first picture's size already checked.
@@ -147,71 +55,19 @@ def open_source(
     if not path.exists():
         raise BadInputError(f"input {path} does not exist; check the spelling of the path")
     if path.is_dir():
-        return _FolderSource(path, folder_rate_hz)
+        bag = bag_files(path)
+        if bag:
+            return BagSource(path, bag, topic)
+        return FolderSource(path, folder_rate_hz)
     if not path.is_file():
         raise BadInputError(f"input {path} is neither a file nor a folder; give a recording")
     if path.stat().st_size == 0:
         raise BadInputError(f"input {path} is empty (0 bytes); copy the recording again")
     if path.suffix.lower() in IMAGE_SUFFIXES:
-        return _ImageSource(path)
+        return ImageSource(path)
+    if bag_files(path):
+        return BagSource(path, [path], topic)
     return _VideoSource(path, decoder_threads)
-
-
-class _ImageSource(Source):
-    kind = "image"
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self._rgb = read_image(path)
-        self.size_wh = (self._rgb.shape[1], self._rgb.shape[0])
-        self.frames_expected, self.duration_s = 1, 0.0
-
-    def __iter__(self) -> Iterator[Frame]:
-        yield Frame(0, 0.0, self._rgb)
-
-
-class _FolderSource(Source):
-    kind = "folder"
-
-    def __init__(self, path: Path, rate_hz: float | None) -> None:
-        super().__init__(path)
-        try:
-            files = [f for f in path.iterdir() if f.suffix.lower() in IMAGE_SUFFIXES]
-        except OSError as error:
-            raise BadInputError(f"cannot list folder {path}: {error.strerror}") from error
-        if not files:
-            raise BadInputError(
-                f"folder {path} holds no image ({', '.join(IMAGE_SUFFIXES)}); give the folder that "
-                "directly contains the frames"
-            )
-        self._files = sorted(files, key=lambda file: natural_key(file.name))
-        named = None if rate_hz else times_from_names([file.stem for file in self._files])
-        step_s = 1 / (rate_hz or DEFAULT_FOLDER_RATE_HZ)
-        self._times_s = named or [index * step_s for index in range(len(files))]
-        first = read_image(self._files[0])
-        self.size_wh = (first.shape[1], first.shape[0])
-        self.frames_expected = len(files)
-        self.duration_s = self._times_s[-1] - self._times_s[0]
-
-    def clock(self) -> tuple[float, float] | None:
-        return self._times_s[0], self._times_s[-1]
-
-    def seek(self, time_s: float, remember: int = 0) -> list[float]:
-        left_out = max(bisect_right(self._times_s, time_s) - 1, 0)
-        times = self._times_s[max(left_out - remember, 0) : left_out]
-        self._files, self._times_s = self._files[left_out:], self._times_s[left_out:]
-        return times
-
-    def __iter__(self) -> Iterator[Frame]:
-        index, last_s = 0, self._times_s[0]
-        for file, time_s in zip(self._files, self._times_s, strict=True):
-            try:
-                rgb = read_image(file)
-            except BadInputError as error:
-                self.note_break(last_s, index - 1, f"skipped one file: {error}")
-                continue
-            yield Frame(index, time_s, rgb)
-            index, last_s = index + 1, time_s
 
 
 class _VideoSource(Source):
@@ -338,7 +194,7 @@ class _VideoSource(Source):
         """Decode packet by packet, so one damaged packet does not end the recording."""
         index, last_s, damaged = 0, 0.0, 0
         for decoded in self._pictures():
-            rgb = None if decoded is None else self._rgb(decoded)
+            rgb = None if decoded is None else rgb_of(decoded, self._stream)
             if decoded is None or rgb is None:
                 damaged += 1
                 continue
@@ -386,22 +242,25 @@ class _VideoSource(Source):
             except av.FFmpegError:
                 yield None
 
-    def _rgb(self, picture: av.VideoFrame) -> npt.NDArray[np.uint8] | None:
-        """Square-pixel RGB in display orientation, shape (H, W, 3); None if it cannot be had."""
-        width, height = picture.width, picture.height
-        aspect = self._stream.sample_aspect_ratio
-        if aspect and 0.25 < aspect < 4 and aspect != 1:
-            width = max(1, round(width * aspect))
-        try:
-            check_size((width, height), str(self.path))
-            converted = picture.reformat(width=width, height=height, format="rgb24")
-        except (BadInputError, av.FFmpegError):
-            return None  # a damaged stream may announce any size on the way
-        rgb = cast(npt.NDArray[np.uint8], converted.to_ndarray())
-        quarter_turns = round(picture.rotation / 90) % 4  # counterclockwise
-        if quarter_turns:
-            rgb = np.ascontiguousarray(np.rot90(rgb, quarter_turns))
-        return rgb
+
+def rgb_of(
+    picture: av.VideoFrame, stream: av.video.stream.VideoStream
+) -> npt.NDArray[np.uint8] | None:
+    """Square-pixel RGB in display orientation, shape (H, W, 3); None if it cannot be had."""
+    width, height = picture.width, picture.height
+    aspect = stream.sample_aspect_ratio
+    if aspect and 0.25 < aspect < 4 and aspect != 1:
+        width = max(1, round(width * aspect))
+    try:
+        check_size((width, height), "the picture")
+        converted = picture.reformat(width=width, height=height, format="rgb24")
+    except (BadInputError, av.FFmpegError):
+        return None  # a damaged stream may announce any size on the way
+    rgb = cast(npt.NDArray[np.uint8], converted.to_ndarray())
+    quarter_turns = round(picture.rotation / 90) % 4  # counterclockwise
+    if quarter_turns:
+        rgb = np.ascontiguousarray(np.rot90(rgb, quarter_turns))
+    return rgb
 
 
 def _why_not_video(path: Path) -> str:
@@ -419,49 +278,3 @@ def _why_not_video(path: Path) -> str:
     if head and not any(byte < 9 for byte in head):
         return f"{path} is text, not a video, whatever its name says; give a recording"
     return f"{path} is not a video this program can read; convert it to MP4 (H.264) first"
-
-
-def natural_key(name: str) -> list[tuple[int, int, str]]:
-    """Sort key by which ``frame2`` comes before ``frame10``.
-
-    Example:
-        >>> sorted(["f10.png", "f2.png", "F1.png"], key=natural_key)
-        ['F1.png', 'f2.png', 'f10.png']
-    """
-    parts = re.split(r"([0-9]+)", name.casefold())
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
-
-
-_SECONDS = re.compile(r"(?:^|[^0-9.])([0-9]+\.[0-9]+)$")
-_EPOCH = re.compile(r"(?:^|[^0-9])([0-9]{13}|[0-9]{16}|[0-9]{19})$")
-_EPOCH_UNIT_S: Final = {13: 1e-3, 16: 1e-6, 19: 1e-9}
-
-
-def times_from_names(stems: list[str]) -> list[float] | None:
-    """Seconds since the first file, where every name ends in a time stamp.
-
-    Recognised are seconds with a decimal point (``cab_12.040``) and Unix times of 13, 16 or 19
-    digits (milli-, micro-, nanoseconds). Plain counters are not times.
-
-    Returns:
-        Strictly increasing times, one per name; None if any name has none or two are equal.
-
-    Example:
-        >>> times_from_names(["cab_12.040", "cab_12.080"])
-        [0.0, 0.04]
-        >>> times_from_names(["rs00001", "rs00002"]) is None
-        True
-    """
-    times: list[float] = []
-    first_epoch: int | None = None
-    for stem in stems:
-        if match := _EPOCH.search(stem):
-            value = int(match[1])
-            first_epoch = value if first_epoch is None else first_epoch
-            times.append(round((value - first_epoch) * _EPOCH_UNIT_S[len(match[1])], 9))
-        elif first_epoch is None and (match := _SECONDS.search(stem)):
-            times.append(float(match[1]))
-        else:
-            return None
-    rising = all(a < b for a, b in pairwise(times))
-    return [round(time - times[0], 9) for time in times] if rising else None

@@ -58,12 +58,11 @@ def is_fleet_run(options: argparse.Namespace) -> bool:
 
 def run_fleet(options: argparse.Namespace, settings: Any) -> int:
     """Inspect many recordings; exit status 1 if some could not be inspected to their end."""
-    from railinspect.batch import Progress
     from railinspect.cli import DONE, FAILED_CHECK
     from railinspect.fleet.run import inspect_fleet
     from railinspect.fleet.storage import DEFAULT_LIMIT_BYTES
     from railinspect.fleet.tasks import Cut
-    from railinspect.progress import ProgressLine
+    from railinspect.watching import watch
 
     if options.address is not None and options.engine != "ray":
         raise BadInputError("--address is that of a Ray cluster; give --engine ray with it")
@@ -75,12 +74,7 @@ def run_fleet(options: argparse.Namespace, settings: Any) -> int:
         limit = round(1e9 * options.fetch_limit)
         if limit <= 0:
             raise BadInputError(f"fetch limit is {options.fetch_limit} GB; give more than 0")
-    line = ProgressLine("inspecting")
-
-    def show(progress: Progress) -> None:
-        line.show(progress.frames, progress.share)
-
-    try:
+    with watch(options, "inspecting") as report:
         summary = inspect_fleet(
             [str(one) for one in options.inputs],
             options.out,
@@ -91,14 +85,12 @@ def run_fleet(options: argparse.Namespace, settings: Any) -> int:
             workers=options.workers,
             address=options.address,
             limit_bytes=limit,
-            progress=show,
+            progress=report,
         )
-    finally:
-        line.close()
     document = summary.as_json()
     if options.json:
         print(json.dumps(document))
-    else:
+    elif not options.quiet:
         print(
             f"{document['done']} of {document['inputs']} inputs done, {document['bad']} bad; "
             f"{document['frames']} frames, {document['unknown_frames']} unknown, "

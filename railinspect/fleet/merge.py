@@ -28,7 +28,7 @@ from railinspect.pipeline import ACTIONS
 from railinspect.runinfo import write_json
 from railinspect.sinks import JsonLines
 from railinspect.sinks.json_lines import read_json_lines
-from railinspect.video import MAX_BREAKS, Break
+from railinspect.source import MAX_BREAKS, Break
 
 Row = dict[str, Any]
 

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from railinspect.batch import InspectSettings, Progress
+from railinspect.batch import InspectSettings
 from railinspect.errors import BadInputError, OutputError
 from railinspect.fleet import fleet_report
 from railinspect.fleet.finished import FinishedInput
@@ -26,6 +26,7 @@ from railinspect.fleet.storage import DEFAULT_LIMIT_BYTES
 from railinspect.fleet.tasks import Cut, Finish, Inspect, Outcome, Plan, Survey, Task
 from railinspect.fleet.worker import BundleLoader, Setup
 from railinspect.pipeline import SegmentFunction
+from railinspect.progress import Progress, Report
 from railinspect.runinfo import installed_version, jsonable
 
 FORMAT: Final = 1
@@ -124,7 +125,7 @@ def inspect_fleet(
     workers: int | None = None,
     address: str | None = None,
     limit_bytes: int = DEFAULT_LIMIT_BYTES,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Report | None = None,
 ) -> FleetSummary:
     """Inspect many recordings into one run folder, going on where a former call was stopped.
 
@@ -193,14 +194,14 @@ class _Driver:
         folder: FleetFolder,
         addresses: Sequence[str],
         setup: Setup,
-        progress: Callable[[Progress], None] | None,
+        progress: Report | None,
     ) -> None:
         self._folder, self._progress = folder, progress
         self._inputs = {one: _Input(one, short_name(one)) for one in addresses}
         self._unsurveyed: Iterator[str] = iter(addresses)
         self._owner: dict[str, _Input] = {}
         self._head = _head(setup, addresses)
-        self._new_frames = 0
+        self._new_frames = self._unknown_frames = self._events = 0
         self._saved_s = -_SAVE_S
         former = _former_run(folder)
         if former is not None:
@@ -254,8 +255,21 @@ class _Driver:
         if time.monotonic() - self._saved_s > _SAVE_S:
             self._save()
         if self._progress is not None:
-            self._progress(Progress(one.name, self._new_frames, self._share()))
+            self._progress(self._done_so_far(one.name))
         return new
+
+    def _done_so_far(self, name: str) -> Progress:
+        states = Counter(one.state for one in self._inputs.values())
+        return Progress(
+            name,
+            self._new_frames,
+            self._share(),
+            unknown_frames=self._unknown_frames,
+            events=self._events,
+            inputs=len(self._inputs),
+            inputs_done=states["done"],
+            inputs_bad=states["bad"],
+        )
 
     def _surveyed(self, one: _Input, plan: Plan) -> list[Task]:
         one.plan = plan
@@ -288,6 +302,8 @@ class _Driver:
             reason = f"broke after {first.time_s:.2f} s: {first.reason}"
             if counts.break_count > 1:
                 reason += f" (and {counts.break_count - 1} more)"
+        self._unknown_frames += counts.unknown_frames
+        self._events += counts.events
         self._settle(one, "done", reason)
         _log.info("%s done, %d frames", printable(one.address), counts.frames)
 

@@ -94,10 +94,13 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
         if one["drift_frames"]:
             notes.append(
                 f"{escape(one['name'])}: {escape(one['camera_drift'])}. Said in "
-                f"{_count(one['drift_frames'], 'frame')}; ranges there may be off by as much."
+                f"{count_of(one['drift_frames'], 'frame')}; ranges there may be off by as much."
             )
     if counts["breaks"]:
         notes.append(f"Reading failed in {count_of(counts['breaks'], 'place')}, listed below.")
+    for one in run["inputs"]:
+        if one.get("live"):
+            notes.append(_live_note(one["live"]))
     if not counts["complete"]:
         notes.append("The run was interrupted; this report covers what was finished.")
     listed_notes = "".join(f"<li>{note}</li>" for note in notes)
@@ -105,6 +108,21 @@ def _verdict(run: Json, events: list[dict[str, Any]]) -> str:
         f'<section class="verdict {kind}">{say}'
         f"{f'<ul>{listed_notes}</ul>' if notes else ''}</section>"
     )
+
+
+def _live_note(live: Json) -> str:
+    """What a live source's frames came to; nothing is claimed about those dropped."""
+    dropped, received = (count_of(live[key], "frame") for key in ("dropped", "received"))
+    said = f"Followed live: {dropped} of {received}"
+    said += " dropped, about which nothing is claimed"
+    if live["latency_worst_s"] is not None:
+        said += (
+            f"; from a frame's arrival to its record {live['latency_median_s']:.2f} s (median), "
+            f"{live['latency_p95_s']:.2f} s (95 %), {live['latency_worst_s']:.2f} s at worst"
+        )
+    if live["skipped"]:
+        said += f"; {count_of(live['skipped'], 'frame')} lay in the file before following began"
+    return said + "."
 
 
 def _cards(run: Json, events: list[dict[str, Any]]) -> str:

@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from railinspect.errors import BadInputError
-from railinspect.video import natural_key, open_source, times_from_names
+from railinspect.image_folder import natural_key
+from railinspect.image_times import times_from_names
+from railinspect.video import open_source
 from tests.railinspect.painted_ride import paint, write_video
 
 
