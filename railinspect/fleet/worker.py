@@ -140,7 +140,10 @@ class Worker:
     def _open(self, path: Path, address: str) -> Source:
         """Open an input; what is wrong is said of the input, not of its copy."""
         try:
-            return open_source(path, self._setup.settings.folder_rate_hz, decoder_threads=1)
+            settings = self._setup.settings
+            return open_source(
+                path, settings.folder_rate_hz, decoder_threads=1, topic=settings.topic
+            )
         except RailInspectError as error:
             said = str(error).replace(str(path), printable(address))
             raise type(error)(said) from error
