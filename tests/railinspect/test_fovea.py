@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.railinspect.synthetic_tracks import camera
 
+from railinspect.evaluation.drawn_tracks import camera
 from railinspect.fovea import Fovea
 from railinspect.segmenter import Segmentation
 

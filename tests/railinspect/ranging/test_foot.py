@@ -7,10 +7,10 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from tests.railinspect.synthetic_tracks import Thing, draw
 
 from railinspect import labels
 from railinspect.camera import Camera
+from railinspect.evaluation.drawn_tracks import Thing, draw
 from railinspect.findings import Finding, find
 from railinspect.ranging import FrameRanging, Range, RangingSettings
 from railinspect.ranging.foot import refine_foot

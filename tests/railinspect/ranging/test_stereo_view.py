@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tests.railinspect.synthetic_tracks import Thing, camera, draw
 
 from railinspect import labels
 from railinspect.batch import InspectSettings, inspect_inputs
 from railinspect.errors import BadInputError
+from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.findings import find
 from railinspect.pipeline import Inspector
 from railinspect.ranging import Absent, FrameRanging, Range, RangingSettings
