@@ -12,6 +12,10 @@ from typing import Any, cast
 from railinspect.errors import BadInputError
 from railinspect.progress import ProgressLine
 
+WORLDS_PER_SEED = 10_000_000
+"""Worlds set aside for each seed. The first ten millions stay free for training and validation,
+so that a data set of any seed shows a network worlds it was not trained on."""
+
 AddCommand = Callable[..., argparse.ArgumentParser]
 
 
@@ -116,7 +120,7 @@ def _run_build(options: argparse.Namespace) -> int:
             camera=camera.resized(size) if camera else None,
             weather=options.weather == "varied",
         )
-        source = WorldSource(1_000_000 * (options.seed + 1), scene)
+        source = WorldSource(WORLDS_PER_SEED * (options.seed + 1), scene)
     else:
         if options.size:
             raise BadInputError(
