@@ -21,11 +21,11 @@ from typing import Any, Literal
 
 from benchmarks.common import Measure, parser, publish
 from benchmarks.inspect_video import real_clip, synthetic
-from railinspect.batch import InspectSettings
 from railinspect.fleet.finished import FinishedInput, finished_inputs
 from railinspect.fleet.run import inspect_fleet
 from railinspect.fleet.tasks import Cut
 from railinspect.fleet.worker import BundleLoader
+from railinspect.inspect_settings import InspectSettings
 from railinspect.ride_file import RidePlan, rendered
 from railinspect.scenes import demo_settings
 from railinspect.scenes.ride import DEMO_LEAD_M

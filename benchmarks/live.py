@@ -22,7 +22,8 @@ import numpy as np
 
 from benchmarks.common import Measure, parser, publish
 from benchmarks.live_senders import number_of
-from railinspect.batch import InspectSettings, inspect_live
+from railinspect.batch import inspect_live
+from railinspect.inspect_settings import InspectSettings
 from railinspect.live import LiveSettings, LiveSource
 from railinspect.pipeline import SegmentFunction
 from railinspect.records import FrameRecord

@@ -10,12 +10,14 @@ import importlib
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from railinspect.batch import InspectSettings, RunSummary, inspect_inputs
+    from railinspect.batch import inspect_inputs
     from railinspect.camera import Camera, CameraStd
     from railinspect.errors import BadInputError, BundleError, OutputError, RailInspectError
     from railinspect.events import Event, EventSettings
+    from railinspect.inspect_settings import InspectSettings
     from railinspect.pipeline import Inspector, inspect_video
     from railinspect.records import FrameRecord, LocatedFinding
+    from railinspect.run_summary import RunSummary
     from railinspect.segmenter import Segmentation, Segmenter
     from railinspect.video import Frame, open_source
 
@@ -28,12 +30,12 @@ _HOMES: Final = {
     "EventSettings": "events",
     "Frame": "video",
     "FrameRecord": "records",
-    "InspectSettings": "batch",
+    "InspectSettings": "inspect_settings",
     "Inspector": "pipeline",
     "LocatedFinding": "records",
     "OutputError": "errors",
     "RailInspectError": "errors",
-    "RunSummary": "batch",
+    "RunSummary": "run_summary",
     "Segmentation": "segmenter",
     "Segmenter": "segmenter",
     "inspect_inputs": "batch",

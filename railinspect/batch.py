@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from logging import WARNING
 from pathlib import Path
@@ -13,82 +13,23 @@ from typing import Any, Final, Protocol
 
 import cv2
 
-from railinspect.camera import Camera
 from railinspect.errors import BadInputError, OutputError
-from railinspect.events import Event, EventSettings
+from railinspect.events import Event
 from railinspect.input_results import InputResults, InputSummary
+from railinspect.inspect_settings import InspectSettings
 from railinspect.logs import note
 from railinspect.pipeline import Inspector, SegmentFunction, Steps, segmented_frames
 from railinspect.progress import Progress, Report
-from railinspect.ranging.stereo_camera import StereoCamera
 from railinspect.records import FrameRecord
 from railinspect.report import write_report
 from railinspect.right_pictures import RightPictures
+from railinspect.run_summary import RunSummary
 from railinspect.runfolder import RunFolder, unique_names
 from railinspect.runinfo import run_info, write_json
 from railinspect.sinks import JsonLines, OverlayVideo, draw_overlay, write_events_parquet
 from railinspect.speed_log import SpeedLog
-from railinspect.thresholds import Thresholds
 from railinspect.video import Frame, Source, open_source
 from railinspect.warmup import warm_up
-from railops.braking import Policy, Train
-
-
-@dataclass(frozen=True)
-class InspectSettings:
-    """How a run inspects its inputs.
-
-    Attributes:
-        camera: The calibrated camera; None estimates one from each track.
-        train: The train the advice is for; None gives no advice.
-        speed_log: The train's speed over media time, in place of ``train``'s own; fits one input.
-        speed_is_known: False where the train's speed is an assumption.
-        policy: Margins and thresholds of the decision.
-        thresholds: Limits above which a deviation is a finding.
-        events: When findings become an event; a single image uses ``EventSettings.still()``.
-        folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
-        topic: Topic of a bag's pictures; None takes the only one there is.
-        overlay: Whether to write the overlay video.
-        right: The right-hand recording of a rectified stereo pair; fits one input.
-        stereo: The pair's calibration; needed with ``right``.
-    """
-
-    camera: Camera | None = None
-    train: Train | None = None
-    speed_log: SpeedLog | None = None
-    speed_is_known: bool = True
-    policy: Policy = field(default_factory=Policy)
-    thresholds: Thresholds = field(default_factory=Thresholds)
-    events: EventSettings = field(default_factory=EventSettings)
-    folder_rate_hz: float | None = None
-    topic: str | None = None
-    overlay: bool = True
-    right: Path | None = None
-    stereo: StereoCamera | None = None
-
-    def inspector(
-        self,
-        segmenter: SegmentFunction,
-        kind: str,
-        *,
-        first_event_id: int = 1,
-        steps: Steps | None = None,
-    ) -> Inspector:
-        """An inspector for one input of a kind ("video", "folder", "image")."""
-        return Inspector(
-            segmenter,
-            self.camera,
-            self.train,
-            self.policy,
-            thresholds=self.thresholds,
-            event_settings=EventSettings.still() if kind == "image" else self.events,
-            speed_log=self.speed_log,
-            speed_is_known=self.speed_is_known,
-            first_event_id=first_event_id,
-            stereo=self.stereo,
-            steps=steps,
-        )
-
 
 MAX_LOGGED_BREAKS: Final = 100
 """Breaks of one input that are logged; all that are kept stand in ``run.json``."""
@@ -112,74 +53,6 @@ class Viewer(Protocol):
 
     def write(self, name: str, frame: Frame, record: FrameRecord) -> None:
         """Take in one frame of an input and its record."""
-
-
-@dataclass(frozen=True)
-class RunSummary:
-    """What a run gave, over all its inputs.
-
-    Attributes:
-        folder: The run folder.
-        inputs: One summary per input.
-        seconds: Wall-clock time of the frame loops, seconds.
-        complete: False if the run was interrupted.
-    """
-
-    folder: Path
-    inputs: tuple[InputSummary, ...]
-    seconds: float
-    complete: bool
-
-    @property
-    def frames(self) -> int:
-        """Frames inspected."""
-        return sum(one.frames for one in self.inputs)
-
-    @property
-    def unknown_frames(self) -> int:
-        """Frames in which nothing can be said."""
-        return sum(one.unknown_frames for one in self.inputs)
-
-    @property
-    def events(self) -> int:
-        """Events confirmed."""
-        return sum(one.events for one in self.inputs)
-
-    @property
-    def frames_per_s(self) -> float:
-        """Frames inspected per second of wall-clock time."""
-        return self.frames / self.seconds if self.seconds > 0 else 0.0
-
-    @property
-    def followed_fraction(self) -> float:
-        """Share of the frames in which both rails of the own track were followed."""
-        followed = sum(one.followed_frames for one in self.inputs)
-        return followed / self.frames if self.frames else 0.0
-
-    def as_json(self) -> dict[str, Any]:
-        """The document printed by ``railinspect inspect --json``."""
-        return {
-            "frames": self.frames,
-            "frames_per_s": round(self.frames_per_s, 2),
-            "seconds": round(self.seconds, 3),
-            "followed_fraction": round(self.followed_fraction, 4),
-            "unknown_frames": self.unknown_frames,
-            "speed_unknown_frames": sum(one.speed_unknown_frames for one in self.inputs),
-            "drift_frames": sum(one.drift_frames for one in self.inputs),
-            "finding_frames": sum(one.finding_frames for one in self.inputs),
-            "events": self.events,
-            "breaks": sum(one.break_count for one in self.inputs),
-            "dropped_frames": sum(one.live.dropped for one in self.inputs if one.live),
-            "complete": self.complete,
-            "paths": {
-                "run": str(self.folder),
-                "report": str(self.folder / "report.html"),
-                "frames": str(self.folder / "frames.jsonl"),
-                "events": str(self.folder / "events.jsonl"),
-                "table": str(self.folder / "events.parquet"),
-                "overlay": [str(self.folder / i.overlay) for i in self.inputs if i.overlay],
-            },
-        }
 
 
 def inspect_inputs(

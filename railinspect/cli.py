@@ -17,7 +17,7 @@ from railinspect.errors import BadInputError, RailInspectError
 from railops.errors import RailOpsError
 
 if TYPE_CHECKING:
-    from railinspect.batch import RunSummary
+    from railinspect.run_summary import RunSummary
     from railinspect.speed_log import SpeedLog
     from railops.braking import Train
 
@@ -244,10 +244,11 @@ def _add_inspect(commands: Any) -> None:
 
 
 def _run_inspect(options: argparse.Namespace) -> int:
-    from railinspect.batch import InspectSettings, inspect_inputs
+    from railinspect.batch import inspect_inputs
     from railinspect.camera import Camera
     from railinspect.fleet.commands import is_fleet_run, run_fleet
     from railinspect.fovea import Fovea
+    from railinspect.inspect_settings import InspectSettings
     from railinspect.live_commands import run_follow
     from railinspect.ranging.stereo_camera import StereoCamera
     from railinspect.sinks.rerun_file import opened_viewer

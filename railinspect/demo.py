@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from railinspect.batch import InspectSettings, RunSummary, inspect_inputs
+from railinspect.batch import inspect_inputs
 from railinspect.errors import OutputError
+from railinspect.inspect_settings import InspectSettings
 from railinspect.pipeline import SegmentFunction, Steps
 from railinspect.progress import Progress, ProgressLine
 from railinspect.ride_file import RidePlan, record_ride, truth_of
+from railinspect.run_summary import RunSummary
 from railinspect.runfolder import RUN_FILES, RunFolder, refuse_taken
 from railinspect.runinfo import write_json
 from railinspect.scenes import demo_settings

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from railinspect.errors import BadInputError
 
 if TYPE_CHECKING:
-    from railinspect.batch import InspectSettings, RunSummary, Viewer
+    from railinspect.batch import Viewer
+    from railinspect.inspect_settings import InspectSettings
     from railinspect.live import LiveSource
     from railinspect.pipeline import SegmentFunction
     from railinspect.progress import Report
+    from railinspect.run_summary import RunSummary
 
 
 def add_follow(parser: argparse.ArgumentParser) -> None:

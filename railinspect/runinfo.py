@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 if TYPE_CHECKING:
-    from railinspect.batch import InspectSettings
+    from railinspect.inspect_settings import InspectSettings
 
 FORMAT: Final = 1
 """Version of the run folder's layout; rises when a reader would have to change."""

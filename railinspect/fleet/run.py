@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from railinspect.batch import InspectSettings
 from railinspect.errors import BadInputError, OutputError
 from railinspect.fleet import fleet_report
 from railinspect.fleet.finished import FinishedInput
@@ -25,6 +24,7 @@ from railinspect.fleet.schedule import Alone, Crew, work
 from railinspect.fleet.storage import DEFAULT_LIMIT_BYTES
 from railinspect.fleet.tasks import Cut, Finish, Inspect, Outcome, Plan, Survey, Task
 from railinspect.fleet.worker import BundleLoader, Setup
+from railinspect.inspect_settings import InspectSettings
 from railinspect.pipeline import SegmentFunction
 from railinspect.progress import Progress, Report
 from railinspect.runinfo import installed_version, jsonable

@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from railinspect.batch import InspectSettings
 from railinspect.fleet.tasks import Cut
 from railinspect.input_results import InputResults, InputSummary
+from railinspect.inspect_settings import InspectSettings
 from railinspect.journey import REMEMBERED
 from railinspect.pipeline import Inspector, SegmentFunction
 from railinspect.records import FrameRecord

@@ -10,7 +10,6 @@ from typing import Final
 
 import cv2
 
-from railinspect.batch import InspectSettings
 from railinspect.errors import BadInputError, RailInspectError
 from railinspect.fleet import dataset
 from railinspect.fleet.folder import FleetFolder
@@ -27,6 +26,7 @@ from railinspect.fleet.storage import (
 from railinspect.fleet.stretch import Stretch, inspect_stretch
 from railinspect.fleet.tasks import Cut, Finish, Inspect, Outcome, Plan, Survey, Task
 from railinspect.images import IMAGE_SUFFIXES
+from railinspect.inspect_settings import InspectSettings
 from railinspect.pipeline import SegmentFunction
 from railinspect.segmenter import Segmenter
 from railinspect.video import Source, open_source

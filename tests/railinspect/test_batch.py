@@ -10,8 +10,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
 from railinspect.errors import BadInputError, OutputError
+from railinspect.inspect_settings import InspectSettings
 from railinspect.sinks.json_lines import read_json_lines
 from railinspect.video import open_source
 from railops.braking import Train
@@ -198,7 +199,8 @@ def test_a_killed_run_leaves_readable_parts(tmp_path):
         f"""
         import time
         from tests.railinspect.painted_ride import CAMERA, read_paint
-        from railinspect.batch import InspectSettings, inspect_inputs
+        from railinspect.batch import inspect_inputs
+        from railinspect.inspect_settings import InspectSettings
         def slow(rgb):
             time.sleep(0.15)
             return read_paint(rgb)

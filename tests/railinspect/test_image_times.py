@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
 from railinspect.errors import BadInputError
 from railinspect.image_times import stamps_from_names, times_from_names
+from railinspect.inspect_settings import InspectSettings
 from railinspect.video import open_source
 from tests.railinspect.painted_ride import paint, read_paint
 

@@ -14,8 +14,9 @@ import pytest
 
 from benchmarks.live_senders import number_into, number_of, send
 from railinspect._threads import one_ahead
-from railinspect.batch import InspectSettings, inspect_live
+from railinspect.batch import inspect_live
 from railinspect.errors import BadInputError
+from railinspect.inspect_settings import InspectSettings
 from railinspect.live import LiveSettings, LiveSource, _SourceClock, shown
 from railinspect.live_commands import stopped_by_signals
 from railinspect.pipeline import segmented_frames

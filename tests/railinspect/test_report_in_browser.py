@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
+from railinspect.inspect_settings import InspectSettings
 from railops.braking import Train
 from tests.browser import browse, needs_browser
 from tests.railinspect.painted_ride import CAMERA, paint, read_paint, ride, write_video

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from railinspect.batch import InspectSettings
 from railinspect.fleet.run import FleetSummary, inspect_fleet
 from railinspect.fleet.tasks import Cut
+from railinspect.inspect_settings import InspectSettings
 from railops.braking import Train
 from tests.railinspect.painted_ride import CAMERA, SPEED_MPS, read_paint, ride, write_video
 

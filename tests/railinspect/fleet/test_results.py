@@ -11,7 +11,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from railinspect.batch import InspectSettings
 from railinspect.cli import main
 from railinspect.errors import BadInputError
 from railinspect.fleet import dataset, fleet_report
@@ -26,6 +25,7 @@ from railinspect.fleet.relabel import export_frames
 from railinspect.fleet.run import inspect_fleet
 from railinspect.fleet.totals import totals_of
 from railinspect.fleet.view import view_of
+from railinspect.inspect_settings import InspectSettings
 from railinspect.labels import HUMAN
 from railops.braking import Train
 from tests.railinspect.fleet import made_run as made

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from railinspect import labels
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
 from railinspect.errors import BadInputError
 from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.findings import find
+from railinspect.inspect_settings import InspectSettings
 from railinspect.pipeline import Inspector
 from railinspect.ranging import Absent, FrameRanging, Range, RangingSettings
 from railinspect.ranging.stereo_camera import StereoCamera

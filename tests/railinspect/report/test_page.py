@@ -10,7 +10,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
+from railinspect.inspect_settings import InspectSettings
 from railops.braking import Train
 from tests.railinspect.painted_ride import CAMERA, paint, read_paint, ride, write_video
 

@@ -11,8 +11,9 @@ import pytest
 
 pytest.importorskip("rerun", reason="rerun-sdk (170 MB) is not installed: pip install '.[rerun]'")
 
-from railinspect.batch import InspectSettings, inspect_inputs
+from railinspect.batch import inspect_inputs
 from railinspect.errors import OutputError
+from railinspect.inspect_settings import InspectSettings
 from railinspect.sinks.rerun_file import RerunFile, opened_viewer
 from tests.railinspect.painted_ride import CAMERA, read_paint, ride, write_video
 
