@@ -49,6 +49,9 @@ def main() -> None:
         "--minutes", type=float, default=120.0, help="video for the memory, minutes (default 120)"
     )
     arguments.add_argument(
+        "--memory-rate", type=float, default=10.0, help="its pictures a second (default 10)"
+    )
+    arguments.add_argument(
         "--only", choices=PARTS, action="append", help="what to measure (default: everything)"
     )
     options = arguments.parse_args()
@@ -64,7 +67,7 @@ def main() -> None:
         if "seams" in chosen:
             measures += seams(base, real_clip())
         if "memory" in chosen:
-            measures += memory(base, options.minutes)
+            measures += memory(base, options.minutes, options.memory_rate)
     publish("batch", measures, options.json)
 
 
@@ -248,9 +251,9 @@ def compared(one: FinishedInput, two: FinishedInput) -> tuple[int, float, int]:
     return max(len(events), len(others)) - len(same), max(apart_m, default=0.0), frames
 
 
-def memory(base: Path, minutes: float) -> list[Measure]:
+def memory(base: Path, minutes: float, frame_rate: float) -> list[Measure]:
     """Resident memory of one worker over a long recording: the last tenth against the second."""
-    clip = synthetic(base / "long.mp4", minutes, 10.0)
+    clip = synthetic(base / "long.mp4", minutes, frame_rate)
     command = [sys.executable, "-m", "railinspect", "inspect", str(clip), "--workers", "1"]
     command += ["--out", str(base / "long"), "--speed", "20"]
     driver = subprocess.Popen(command, stdout=subprocess.DEVNULL)
