@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import cv2
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -60,27 +61,19 @@ def find_things(
     table[HUMAN] = 2
     low = cv2.LUT(labels[first:], table)
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    if not (low[_corridor(track, used, widest)[first:] > 0]).any():
+    if not cv2.bitwise_and(low, _corridor(track, used, widest)[first:]).any():
         return []
     kind = np.concatenate([cv2.LUT(labels[:first], table), low]) if first else low
     found: list[Finding] = []
     for code in (2, 1):
         clearance = _clearance(limits, code)
-        # People hide things and things hide people: neither ends in a foot on the other.
         mask = (kind == code).astype(np.uint8)
         if not mask[first:].any():
             continue
         mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
-        below = np.zeros_like(kind)
-        below[:-1] = kind[1:]
-        contact = (mask[first:] == 1) & (below[first:] == 0)
-        below_mask = np.zeros_like(mask)
-        below_mask[:-1] = mask[1:]
-        contact &= below_mask[first:] == 0
-        rows, cols = np.nonzero(contact)
+        rows, cols = _contacts(mask, kind, first)
         if len(rows) == 0:
             continue
-        rows = rows + first
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
         chainage, lateral, _ = place_on_track(track, feet)
         # Feet stand on the bed, below the plane of the rail tops: a little farther out.
@@ -114,6 +107,29 @@ def find_things(
     return found
 
 
+@numba.njit(cache=True)
+def _contacts(
+    mask: npt.NDArray[np.uint8], kind: npt.NDArray[np.uint8], first: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Rows and columns, from row ``first`` on, where the mask ends below and nothing stands there.
+
+    People hide things and things hide people: neither ends in a foot on the other.
+    """
+    height, width = mask.shape
+    found = []
+    for row in range(first, height):
+        for column in range(width):
+            if mask[row, column] != 1:
+                continue
+            ends = row == height - 1
+            if ends or (mask[row + 1, column] == 0 and kind[row + 1, column] == 0):
+                found.append((row, column))
+    rows, columns = np.empty(len(found), np.intp), np.empty(len(found), np.intp)
+    for i, (row, column) in enumerate(found):
+        rows[i], columns[i] = row, column
+    return rows, columns
+
+
 def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:
     """Mask of everything up to ``half_m`` from the centre line on the plane, a little widened."""
     path = track.path
@@ -130,8 +146,8 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
     mask = np.zeros((height, width), np.uint8)
     points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
-    cv2.fillPoly(mask, [points], 1)
-    cv2.polylines(mask, [points], True, 1, 5)
+    cv2.fillPoly(mask, [points], 255)
+    cv2.polylines(mask, [points], True, 255, 5)
     return mask
 
 
