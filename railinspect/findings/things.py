@@ -79,17 +79,17 @@ def find_things(
         # Feet stand on the bed, below the plane of the rail tops: a little farther out.
         lateral *= 1.0 - limits.foot_m / track.camera.height_m
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
-        if not np.any(near & (np.abs(lateral) <= clearance)):
+        inside = near & (np.abs(lateral) <= clearance)
+        if not inside.any():
             continue
         # Only what lies in the columns of the near contacts can be part of a body.
         left, right = int(cols[near].min()), int(cols[near].max()) + 1
-        _, components, sizes, _ = cv2.connectedComponentsWithStats(
-            np.ascontiguousarray(mask[:, left:right]), connectivity=8
+        components, sizes = _components(
+            np.ascontiguousarray(mask[:, left:right]), rows[inside], cols[inside] - left
         )
         component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
-        inside = near & (np.abs(lateral) <= clearance)
-        for number in np.unique(component[inside]):
-            if sizes[number, cv2.CC_STAT_AREA] < limits.least_area_px * scale**2:
+        for number in range(1, len(sizes)):
+            if sizes[number] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
             region = np.zeros(mask.shape, bool)
@@ -128,6 +128,35 @@ def _contacts(
     for i, (row, column) in enumerate(found):
         rows[i], columns[i] = row, column
     return rows, columns
+
+
+@numba.njit(cache=True)
+def _components(
+    mask: npt.NDArray[np.uint8], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp]]:
+    """Components of the mask these pixels lie in, numbered from 1, and every number's area."""
+    height, width = mask.shape
+    number = np.zeros((height, width), np.int32)
+    stack = np.empty((np.count_nonzero(mask), 2), np.intp)
+    areas = [0]
+    for seed in range(len(rows)):
+        if number[rows[seed], columns[seed]] != 0:
+            continue
+        label, area, depth = len(areas), 0, 1
+        stack[0, 0], stack[0, 1] = rows[seed], columns[seed]
+        number[rows[seed], columns[seed]] = label
+        while depth > 0:
+            depth -= 1
+            row, column = stack[depth, 0], stack[depth, 1]
+            area += 1
+            for r in range(max(0, row - 1), min(height, row + 2)):
+                for c in range(max(0, column - 1), min(width, column + 2)):
+                    if mask[r, c] == 1 and number[r, c] == 0:
+                        number[r, c] = label
+                        stack[depth, 0], stack[depth, 1] = r, c
+                        depth += 1
+        areas.append(area)
+    return number, np.array(areas)
 
 
 def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:

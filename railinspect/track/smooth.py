@@ -164,7 +164,6 @@ def fit_smooth(
     n_c = len(knots) + 2
     basis, lean_basis = centre_bases(x_m, knots)
     hats = hat_basis(x_m, half_knots)
-    lean = np.ones_like(x_m)
     total = n_c + len(half_knots)
     prior = np.zeros((total, total))  # gram matrix of the priors
     pull = np.zeros(total)
