@@ -63,14 +63,15 @@ def find_things(
     widest = max(limits.person_clearance_m, limits.clearance_m)
     if not cv2.bitwise_and(low, _corridor(track, used, widest)[first:]).any():
         return []
-    kind = np.concatenate([cv2.LUT(labels[:first], table), low]) if first else low
+    kind = np.asarray(cv2.LUT(labels, table), np.uint8)
     found: list[Finding] = []
     for code in (2, 1):
         clearance = _clearance(limits, code)
         mask = (kind == code).astype(np.uint8)
         if not mask[first:].any():
             continue
-        mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
+        closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
+        mask = np.asarray(closed, np.uint8)
         rows, cols = _contacts(mask, kind, first)
         if len(rows) == 0:
             continue

@@ -197,14 +197,15 @@ def _solved(
     design, weighted = np.empty((n, total)), np.empty((n, total))
     design[:, :n_c] = basis
     lean, robust = np.ones(n), np.ones(n)
-    solution = np.zeros(total)
+    solution: Array = np.zeros(total)
     for turn in range(_TURNS):
         for i in range(n):
             for j in range(n_c, total):
                 design[i, j] = side[i] * lean[i] * hats[i, j - n_c]
             for j in range(total):
                 weighted[i, j] = design[i, j] * weight[i] * robust[i]
-        solution = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solved = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solution = solved.astype(np.float64)
         for i in range(n):
             slope, at = 0.0, 0.0
             for j in range(n_c):
