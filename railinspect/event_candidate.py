@@ -49,7 +49,6 @@ class Candidate:
     confirmed_time_s: float | None = None
     last_time_s: float = 0.0
     last_frame: int = 0
-    cut_time_s: float = -math.inf
     box_xyxy: Box = (0.0, 0.0, 0.0, 0.0)
     votes: dict[str, float] = field(default_factory=dict)
     confidence_sum: float = 0.0
@@ -96,17 +95,33 @@ class Candidate:
         reflection, a wiper, dirt, a part of the own vehicle. A distortion is not judged, since a
         long one has a near end for as long as it lasts, nor what the picture's edge cuts.
         """
-        if ego_speed_mps is None or ego_speed_mps < RUNNER_MPS or self.type == "distortion":
+        if ego_speed_mps is None or ego_speed_mps < RUNNER_MPS:
             return None
-        seen = [r for r in self.ranges if r.time_s > self.cut_time_s]
-        fitted = _approach(seen)
-        if fitted is None or fitted[0] + 3.0 * fitted[1] >= KEPT_SHARE * ego_speed_mps:
+        seen = self._keeping(KEPT_SHARE * ego_speed_mps)
+        if not seen:
             return None
         run_m = ego_speed_mps * (seen[-1].time_s - seen[0].time_s)
         return (
             f"keeps its distance of {seen[-1].range_m:.0f} m while the train runs {run_m:.0f} m: "
             "it moves ahead of the train or is in the picture only (reflection, wiper, dirt)"
         )
+
+    def can_wait(self, ego_speed_mps: float | None) -> bool:
+        """Whether watching it some seconds longer costs next to no way, so that it may be doubted.
+
+        Where the speed is unknown, what surely comes nearer no faster than a walk stands before a
+        train that stands or crawls, or is in the picture only.
+        """
+        if ego_speed_mps is None:
+            return bool(self._keeping(KEPT_SHARE * RUNNER_MPS))
+        return self.doubt(ego_speed_mps) is not None
+
+    def _keeping(self, limit_mps: float) -> list[TimedRange]:
+        """The ranges by which it surely comes nearer more slowly than this; none if it may not."""
+        seen = [r for r in self.ranges if r.whole]
+        fitted = _approach(seen, whole_error=False)
+        surely = fitted is not None and fitted[0] + 3.0 * fitted[1] < limit_mps
+        return seen if surely and self.type != "distortion" else []
 
     def range_at(self, time_s: float, ego_speed_mps: float | None) -> tuple[float, float] | None:
         """Predicted range and its standard deviation, metres; None without any range so far.
@@ -146,8 +161,6 @@ class Candidate:
         """Take in a sighting; several of one frame count once, the nearest range leading."""
         again = self.frames_seen > 0 and self.last_frame == frame_index
         self.last_time_s, self.last_frame = time_s, frame_index
-        if not sighting.whole:
-            self.cut_time_s = time_s
         self.frames_seen += not again
         vote = TYPE_WEIGHT.get(sighting.type, 1.0) * sighting.confidence / self._voting_m(sighting)
         self.votes[sighting.type] = self.votes.get(sighting.type, 0.0) + vote
@@ -171,7 +184,9 @@ class Candidate:
 
     def _see_range(self, time_s: float, sighting: Sighting, range_m: float, again: bool) -> None:
         bounds = sighting.range_interval_m or (range_m, range_m)
-        measured = TimedRange(time_s, range_m, sighting.range_std_m or 0.0, bounds)
+        std_m = sighting.range_std_m or 0.0
+        noise_m = std_m if sighting.range_noise_m is None else sighting.range_noise_m
+        measured = TimedRange(time_s, range_m, std_m, bounds, min(noise_m, std_m), sighting.whole)
         if again and self.ranges and self.ranges[-1].time_s == time_s:
             if range_m < self.ranges[-1].range_m:  # the nearer end of the same thing counts
                 self.ranges[-1] = measured
@@ -236,15 +251,24 @@ class Candidate:
         )
 
 
-def _approach(ranges: Sequence[TimedRange]) -> tuple[float, float] | None:
-    """Speed of approach by a line through the ranges and its standard deviation, m/s."""
+def _approach(ranges: Sequence[TimedRange], whole_error: bool = True) -> tuple[float, float] | None:
+    """Speed of approach by a line through the ranges and its standard deviation, m/s.
+
+    Without the whole error only what changes from frame to frame counts: a scale that is wrong for
+    all ranges alike is wrong for a speed seen with the same camera too.
+    """
     if len(ranges) < 4 or ranges[-1].time_s - ranges[0].time_s < 0.15:
         return None
     times = [r.time_s - ranges[0].time_s for r in ranges]
     mean_t = sum(times) / len(times)
     mean_r = sum(r.range_m for r in ranges) / len(times)
     spread = sum((t - mean_t) ** 2 for t in times)
-    pairs = zip(times, ranges, strict=True)
+    pairs = list(zip(times, ranges, strict=True))
     slope = sum((t - mean_t) * (r.range_m - mean_r) for t, r in pairs) / spread
-    noise_m = sum(r.std_m for r in ranges) / len(times)
-    return -slope, noise_m / math.sqrt(spread)
+    if whole_error:
+        error_m = sum(r.std_m for r in ranges) / len(times)
+    else:
+        misfit = sum((r.range_m - mean_r - slope * (t - mean_t)) ** 2 for t, r in pairs)
+        noise_m = sum(r.noise_m for r in ranges) / len(times)
+        error_m = max(noise_m, math.sqrt(misfit / len(times)))
+    return -slope, error_m / math.sqrt(spread)

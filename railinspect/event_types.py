@@ -53,6 +53,8 @@ class Sighting:
         range_m: Distance along the track, metres; None beyond the reliable range.
         range_std_m: Standard deviation of the range, metres; None without a range.
         range_interval_m: 95 % interval of the range, metres; None without a range.
+        range_noise_m: The part of ``range_std_m`` that differs from frame to frame, metres; None
+            where it is not known apart from the whole.
         whole: False where the edge of the picture cuts it; such a picture is a worse thumbnail.
     """
 
@@ -62,6 +64,7 @@ class Sighting:
     range_m: float | None = None
     range_std_m: float | None = None
     range_interval_m: tuple[float, float] | None = None
+    range_noise_m: float | None = None
     whole: bool = True
 
 
@@ -110,18 +113,32 @@ class EventUpdate:
         ids: For each sighting of the frame its event's id; None while unconfirmed.
         live: Events confirmed and not ended, nearest first.
         ended: Events that ended with this frame.
+        doubts: For each sighting why it cannot stand on the ground (rule 6), None where nothing
+            speaks against it.
     """
 
     ids: tuple[int | None, ...]
     live: tuple[Event, ...]
     ended: tuple[Event, ...]
+    doubts: tuple[str | None, ...]
 
 
 @dataclass(frozen=True)
 class TimedRange:
-    """A measured range of an event: seconds of media time, metres, 95 % interval in metres."""
+    """A measured range of an event.
+
+    Attributes:
+        time_s: Media time, seconds.
+        range_m: Metres along the track.
+        std_m: Standard deviation, metres.
+        interval_m: 95 % interval, metres.
+        noise_m: Standard deviation of what differs from frame to frame, metres.
+        whole: False where the edge of the picture cut what was seen.
+    """
 
     time_s: float
     range_m: float
     std_m: float
     interval_m: tuple[float, float]
+    noise_m: float = 0.0
+    whole: bool = True

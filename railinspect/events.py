@@ -28,8 +28,10 @@ The rules, in the order they apply:
 5. **End.** An event not seen for ``lose_after_s`` ends. Drop-outs shorter than that do not split
    it.
 6. **Doubt.** What keeps its distance although the train is known or seen to move, faster than
-   anyone runs, does not stand on the track. It may roll ahead of the train, so it is never
-   dropped: the event stays, says why it is doubtful, and stops being so when it comes nearer. The
+   anyone runs, does not stand on the track. It has to last for ``lose_after_s`` to become an
+   event, and so has what keeps its distance while no speed is known: waiting costs no way there.
+   It may roll ahead of the train, so it is never dropped: the event
+   stays, says why it is doubtful, and stops being so when it comes nearer. The
    frame loop takes doubtful events as perception in doubt (unknown), not as obstacles to stop for.
 """
 
@@ -99,17 +101,18 @@ class EventTracker:
         for candidate in self._candidates:
             candidate.hits.append(id(candidate) in seen)
         owners = self._merge_same_place(owners, time_s)
-        for candidate in self._candidates:
-            if candidate.id is None and sum(candidate.hits) >= self._settings.confirm_hits:
-                candidate.id, candidate.confirmed_time_s = self._next_id, time_s
-                self._next_id += 1
-        self._candidates = [c for c in self._candidates if c.id is not None or any(c.hits)]
         speed_mps = seen_speed_mps if ego_speed_mps is None else ego_speed_mps
         for candidate in self._candidates:
             if candidate.last_time_s == time_s:
                 candidate.doubted = candidate.doubt(speed_mps)
+        for candidate in self._candidates:
+            if candidate.id is None and self._confirmed(candidate, time_s, speed_mps):
+                candidate.id, candidate.confirmed_time_s = self._next_id, time_s
+                self._next_id += 1
+        self._candidates = [c for c in self._candidates if c.id is not None or any(c.hits)]
         ids = tuple(None if owner is None else owner.id for owner in owners)
-        return EventUpdate(ids, self.live(), ended)
+        doubts = tuple(None if owner is None else owner.doubted for owner in owners)
+        return EventUpdate(ids, self.live(), ended, doubts)
 
     @property
     def watching(self) -> bool:
@@ -170,6 +173,13 @@ class EventTracker:
 
     def _find(self, event_id: int) -> Candidate | None:
         return next((c for c in self._candidates if c.id == event_id), None)
+
+    def _confirmed(self, candidate: Candidate, time_s: float, speed_mps: float | None) -> bool:
+        """Rules 4 and 6: seen often enough, and long enough where it keeps its distance."""
+        if sum(candidate.hits) < self._settings.confirm_hits:
+            return False
+        seen_s = time_s - candidate.first_time_s
+        return seen_s >= self._settings.lose_after_s or not candidate.can_wait(speed_mps)
 
     def _end_lost(self, time_s: float) -> tuple[Event, ...]:
         limit_s = self._settings.lose_after_s

@@ -199,10 +199,9 @@ class Inspector:
         for event in update.live:
             if self._events.wants_thumbnail(event.id, frame.index):
                 self._events.set_thumbnail(event.id, self._thumbnail(frame, event.id))
-        doubtful = {event.id: event.doubt for event in update.live if event.doubt}
-        sure = [i for i in update.ids if i not in doubtful]
+        sure = None in update.doubts
         if findings and not sure:
-            doubt = doubt or next(iter(doubtful.values()))
+            doubt = doubt or update.doubts[0]
         motions = self._follow(frame.time_s, ranges, update.ids)
         self._motions = {e.id: self._motions[e.id] for e in update.live if e.id in self._motions}
         located = tuple(
@@ -440,6 +439,7 @@ def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]
         range_m=distance.range_m if distance else None,
         range_std_m=distance.std_m if distance else None,
         range_interval_m=distance.interval_m if distance else None,
+        range_noise_m=distance.noise_m if distance else None,
         whole=whole,
     )
 

@@ -70,11 +70,10 @@ class Thresholds:
             more is another rail that was mistaken for it.
         bend_vacant: A sample with something else like a rail beside it counts all the same where
             the smooth track's own place holds less than this share of the rails' probability.
-        bend_slope: Both rails may bend by this much more per metre along the track, metres.
+        bend_slope: Both rails may bend by this much more per metre along the track, metres: more
+            is a jump to or from another track's rail.
         switch_agreement: Where another track's rail lies beside ours both rails must deviate alike,
-            the weaker by at least this share of the stronger,
-        switch_slope: and bend by no more than this per metre along the track, metres: more is a
-            jump back from the other track. One rail alone says nothing there.
+            the weaker by at least this share of the stronger. One rail alone says nothing there.
         ripple_rows: Rows over which the rails' common swing is averaged.
         ripple_share: Root mean square of that swing as a share of the least deviation.
         ripple_doubt: Largest share of doubtful samples in it.
@@ -129,9 +128,8 @@ class Thresholds:
     bend_join_m: float = 5.0
     bend_step_px: float = 1.2
     bend_vacant: float = 0.5
-    bend_slope: float = 0.7
+    bend_slope: float = 0.2
     switch_agreement: float = 0.7
-    switch_slope: float = 0.2
     ripple_rows: int = 7
     ripple_share: float = 0.8
     ripple_doubt: float = 0.5

@@ -15,6 +15,12 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
+_LONG_ROWS = 8
+_ONE_STEP = 0.75
+"""A bend over more rows than these rises and falls over more than one: no single step takes this
+share of its height."""
+
+
 def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     """Stretches where the rails leave the smooth track together, or one does by more."""
     profile, path = track.profile, track.path
@@ -33,6 +39,10 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     residual = np.where(unsure, np.nan, residual)
     limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
     limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
+    # A mean over some rows exceeds its limit only where a row does; limits change little by row.
+    least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
+    if not np.any(np.abs(everything) >= least * limit[:, None]):  # NaN compares False
+        return []
     smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
     smooth[unsure] = np.nan
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
@@ -44,8 +54,7 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
     along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
-    slope = np.where(profile.at_switch, limits.switch_slope, limits.bend_slope)
-    steepest = limits.bend_step_px * scale + slope * along * metre
+    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
     lobes = [
         lobe
         for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
@@ -108,7 +117,11 @@ def _jumps(
     last = int(after[0]) if len(after) else len(residual_px) - 1
     beside = slice(max(0, first - 8), last + 9)
     step = np.abs(np.diff(residual_px[beside]))
-    return bool(np.any(step > steepest_px[beside][: len(step)]))  # NaN compares False
+    most = steepest_px[beside][: len(step)]
+    if last - first > _LONG_ROWS:
+        height = float(np.nanmax(np.abs(residual_px[lobe[0] : lobe[1] + 1])))
+        most = np.minimum(most, max(_ONE_STEP * height, float(np.nanmin(limit))))
+    return bool(np.any(step > most))  # NaN compares False
 
 
 def _running_mean(values: Array, length: int) -> Array:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import cv2
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -60,43 +61,36 @@ def find_things(
     table[HUMAN] = 2
     low = cv2.LUT(labels[first:], table)
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    if not (low[_corridor(track, used, widest)[first:] > 0]).any():
+    if not cv2.bitwise_and(low, _corridor(track, used, widest)[first:]).any():
         return []
-    kind = np.concatenate([cv2.LUT(labels[:first], table), low]) if first else low
+    kind = np.asarray(cv2.LUT(labels, table), np.uint8)
     found: list[Finding] = []
     for code in (2, 1):
         clearance = _clearance(limits, code)
-        # People hide things and things hide people: neither ends in a foot on the other.
         mask = (kind == code).astype(np.uint8)
         if not mask[first:].any():
             continue
-        mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
-        below = np.zeros_like(kind)
-        below[:-1] = kind[1:]
-        contact = (mask[first:] == 1) & (below[first:] == 0)
-        below_mask = np.zeros_like(mask)
-        below_mask[:-1] = mask[1:]
-        contact &= below_mask[first:] == 0
-        rows, cols = np.nonzero(contact)
+        closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
+        mask = np.asarray(closed, np.uint8)
+        rows, cols = _contacts(mask, kind, first)
         if len(rows) == 0:
             continue
-        rows = rows + first
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
         chainage, lateral, _ = place_on_track(track, feet)
         # Feet stand on the bed, below the plane of the rail tops: a little farther out.
         lateral *= 1.0 - limits.foot_m / track.camera.height_m
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
-        if not np.any(near & (np.abs(lateral) <= clearance)):
+        inside = near & (np.abs(lateral) <= clearance)
+        if not inside.any():
             continue
         # Only what lies in the columns of the near contacts can be part of a body.
         left, right = int(cols[near].min()), int(cols[near].max()) + 1
-        _, components, sizes, _ = cv2.connectedComponentsWithStats(
-            np.ascontiguousarray(mask[:, left:right]), connectivity=8
+        components, sizes = _components(
+            np.ascontiguousarray(mask[:, left:right]), rows[inside], cols[inside] - left
         )
         component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
-        inside = near & (np.abs(lateral) <= clearance)
-        for number in np.unique(component[inside]):
-            if sizes[number, cv2.CC_STAT_AREA] < limits.least_area_px * scale**2:
+        for number in range(1, len(sizes)):
+            if sizes[number] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
             region = np.zeros(mask.shape, bool)
@@ -112,6 +106,58 @@ def find_things(
                 lateral[part],
             )
     return found
+
+
+@numba.njit(cache=True)
+def _contacts(
+    mask: npt.NDArray[np.uint8], kind: npt.NDArray[np.uint8], first: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Rows and columns, from row ``first`` on, where the mask ends below and nothing stands there.
+
+    People hide things and things hide people: neither ends in a foot on the other.
+    """
+    height, width = mask.shape
+    found = []
+    for row in range(first, height):
+        for column in range(width):
+            if mask[row, column] != 1:
+                continue
+            ends = row == height - 1
+            if ends or (mask[row + 1, column] == 0 and kind[row + 1, column] == 0):
+                found.append((row, column))
+    rows, columns = np.empty(len(found), np.intp), np.empty(len(found), np.intp)
+    for i, (row, column) in enumerate(found):
+        rows[i], columns[i] = row, column
+    return rows, columns
+
+
+@numba.njit(cache=True)
+def _components(
+    mask: npt.NDArray[np.uint8], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp]]:
+    """Components of the mask these pixels lie in, numbered from 1, and every number's area."""
+    height, width = mask.shape
+    number = np.zeros((height, width), np.int32)
+    stack = np.empty((np.count_nonzero(mask), 2), np.intp)
+    areas = [0]
+    for seed in range(len(rows)):
+        if number[rows[seed], columns[seed]] != 0:
+            continue
+        label, area, depth = len(areas), 0, 1
+        stack[0, 0], stack[0, 1] = rows[seed], columns[seed]
+        number[rows[seed], columns[seed]] = label
+        while depth > 0:
+            depth -= 1
+            row, column = stack[depth, 0], stack[depth, 1]
+            area += 1
+            for r in range(max(0, row - 1), min(height, row + 2)):
+                for c in range(max(0, column - 1), min(width, column + 2)):
+                    if mask[r, c] == 1 and number[r, c] == 0:
+                        number[r, c] = label
+                        stack[depth, 0], stack[depth, 1] = r, c
+                        depth += 1
+        areas.append(area)
+    return number, np.array(areas)
 
 
 def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:
@@ -130,8 +176,8 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
     mask = np.zeros((height, width), np.uint8)
     points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
-    cv2.fillPoly(mask, [points], 1)
-    cv2.polylines(mask, [points], True, 1, 5)
+    cv2.fillPoly(mask, [points], 255)
+    cv2.polylines(mask, [points], True, 255, 5)
     return mask
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -166,21 +167,34 @@ def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
     A rail that runs aslant through the image, as in a curve or a ripple, is wide along the row:
     only what is wider than its own slant explains is doubtful.
     """
-    uv = np.where(seen[:, :, None], centres.uv, np.nan)
-    slant = np.ones((len(uv), 2))
-    for reach in (1, 2):  # a short wave's slant shows over one row, a jagged mask's over two
-        drop = np.full((len(uv), 2, 2), np.nan)
-        drop[reach:-reach] = uv[2 * reach :] - uv[: -2 * reach]
-        drop = np.where(np.isfinite(drop), drop, np.array([0.0, 1.0]))
-        steep = np.hypot(drop[:, :, 0], drop[:, :, 1]) / (np.abs(drop[:, :, 1]) + 0.1)
-        slant = np.maximum(slant, steep)
-    expected = np.maximum(2.5 * scale, 0.11 * centres.metre_px)[:, None] * np.minimum(slant, 12.0)
-    bad = (centres.other > 0.45) | (centres.width_px > 2.0 * expected + 1.5 * scale)
-    wide = bad.copy()
-    for step in (1, 2):
-        wide[step:] |= bad[:-step]
-        wide[:-step] |= bad[step:]
-    return wide
+    return _beside_another(
+        np.where(seen[:, :, None], centres.uv, np.nan),
+        centres.metre_px,
+        centres.other,
+        centres.width_px,
+        scale,
+    )
+
+
+@numba.njit(cache=True)
+def _beside_another(
+    uv: Array, metre_px: Array, other: Array, width_px: Array, scale: float
+) -> Bools:
+    rows = len(uv)
+    doubtful = np.zeros((rows, 2), np.bool_)
+    for i in range(rows):
+        for rail in range(2):
+            slant = 1.0
+            for reach in (1, 2):  # a short wave's slant shows over one row, a jagged mask's over 2
+                if reach <= i < rows - reach:
+                    du = uv[i + reach, rail, 0] - uv[i - reach, rail, 0]
+                    dv = uv[i + reach, rail, 1] - uv[i - reach, rail, 1]
+                    if not math.isnan(du):
+                        slant = max(slant, math.hypot(du, dv) / (abs(dv) + 0.1))
+            expected = max(2.5 * scale, 0.11 * metre_px[i]) * min(slant, 12.0)
+            if other[i, rail] > 0.45 or width_px[i, rail] > 2.0 * expected + 1.5 * scale:
+                doubtful[max(0, i - 2) : i + 3, rail] = True
+    return doubtful
 
 
 def _switch(centres: Centres, settings: FollowerSettings) -> Bools:
@@ -240,15 +254,23 @@ def _smooth(
 
 def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
     """Robust scatter of the residuals' second differences, as one sample's deviation."""
-    steps = []
-    for i in range(2):
-        r = np.where(usable[:, i], residual_px[:, i], np.nan)
-        bend = r[4:] - 2 * r[2:-2] + r[:-4]
-        steps.append(bend[np.isfinite(bend)])
-    bends = np.concatenate(steps)
-    if len(bends) < 10:
+    return _scatter(np.where(usable, residual_px, np.nan), least)
+
+
+@numba.njit(cache=True)
+def _scatter(residual_px: Array, least: float) -> float:
+    bends = np.empty(residual_px.size)
+    count = 0
+    for rail in range(2):
+        for i in range(2, len(residual_px) - 2):
+            r = residual_px[i - 2 : i + 3, rail]
+            bend = abs(r[4] - 2 * r[2] + r[0])
+            if not math.isnan(bend):
+                bends[count] = bend
+                count += 1
+    if count < 10:
         return 2.0 * least
-    return float(max(least, 1.4826 * np.median(np.abs(bends)) / math.sqrt(6.0)))
+    return max(least, 1.4826 * np.median(bends[:count]) / math.sqrt(6.0))
 
 
 def _path(

@@ -117,7 +117,9 @@ class Level:
 
     def pixels(self, ground_xy: npt.ArrayLike) -> Array:
         """Input pixels of ground points; NaN at or behind the camera. Shape (..., 2)."""
-        return self.to_pixels(self.level_from_ground(ground_xy))
+        points = np.asarray(ground_xy, float)
+        flat = np.ascontiguousarray(points).reshape(-1, 2)
+        return _pixels(self.vector(), flat).reshape(points.shape)
 
 
 @numba.njit(cache=True, inline="always")
@@ -138,6 +140,19 @@ def project(cam: Array, x: float, y: float) -> tuple[float, float]:
         b = b * radial + cam[P1] * (r2 + 2.0 * b * b) + 2.0 * cam[P2] * a * b
         a = da
     return f * a + cam[CX], f * b + cam[CY]
+
+
+@numba.njit(cache=True)
+def _pixels(cam: Array, ground_xy: Array) -> Array:
+    """Input pixels of ground points (N, 2); NaN at or behind the camera."""
+    out = np.empty_like(ground_xy)
+    behind = cam[HEIGHT] * cam[HORIZON] / cam[FOCAL] + 1e-3
+    for i in range(len(ground_xy)):
+        if ground_xy[i, 0] > behind:
+            out[i, 0], out[i, 1] = project(cam, ground_xy[i, 0], ground_xy[i, 1])
+        else:
+            out[i, 0] = out[i, 1] = np.nan
+    return out
 
 
 @numba.njit(cache=True, inline="always")

@@ -9,6 +9,7 @@ over is the rails' own shape: ripple, bulge, kink.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numba
@@ -19,6 +20,9 @@ Array = npt.NDArray[np.float64]
 
 _HALF_SPREAD = 0.1
 """Standard deviation of the half spacing about the expected one, relative."""
+
+_TURNS = 5
+"""Turns of the iterated weights."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,6 @@ def fit_smooth(
     n_c = len(knots) + 2
     basis, lean_basis = centre_bases(x_m, knots)
     hats = hat_basis(x_m, half_knots)
-    lean = np.ones_like(x_m)
     total = n_c + len(half_knots)
     prior = np.zeros((total, total))  # gram matrix of the priors
     pull = np.zeros(total)
@@ -172,18 +175,45 @@ def fit_smooth(
     pull[at] = half_m / (_HALF_SPREAD * half_m) ** 2
     _differences(prior, at, np.full(len(at) - 1, 1.0 / (trend * half_m) ** 2))
     weight = 1.0 / (sigma_m**2 * correlated)
-    robust = np.ones_like(x_m)
-    solution: Array = np.zeros(total)
-    design = np.empty((len(x_m), total))
-    design[:, :n_c] = basis
-    for turn in range(5):
-        design[:, n_c:] = (side * lean)[:, None] * hats
-        weighted = design * (weight * robust)[:, None]
-        solved = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
-        solution = np.asarray(solved, np.float64)
-        slope = lean_basis @ solution[:n_c]
-        lean = np.sqrt(1.0 + slope**2)
-        if turn:
-            residual = (y_m - design @ solution) / sigma_m
-            robust = 1.0 / (1.0 + (residual / 2.0) ** 2)
+    solution = _solved(basis, lean_basis, hats, side, y_m, sigma_m, weight, prior, pull)
     return SmoothTrack(knots, solution[:n_c], half_knots, solution[n_c:])
+
+
+@numba.njit(cache=True)
+def _solved(
+    basis: Array,
+    lean_basis: Array,
+    hats: Array,
+    side: Array,
+    y_m: Array,
+    sigma_m: Array,
+    weight: Array,
+    prior: Array,
+    pull: Array,
+) -> Array:
+    """Parameters of the smooth track by iterated weighted least squares, shape (P,)."""
+    n, n_c = basis.shape
+    total = len(pull)
+    design, weighted = np.empty((n, total)), np.empty((n, total))
+    design[:, :n_c] = basis
+    lean, robust = np.ones(n), np.ones(n)
+    solution: Array = np.zeros(total)
+    for turn in range(_TURNS):
+        for i in range(n):
+            for j in range(n_c, total):
+                design[i, j] = side[i] * lean[i] * hats[i, j - n_c]
+            for j in range(total):
+                weighted[i, j] = design[i, j] * weight[i] * robust[i]
+        solved = np.linalg.solve(weighted.T @ design + prior, weighted.T @ y_m + pull)
+        solution = solved.astype(np.float64)
+        for i in range(n):
+            slope, at = 0.0, 0.0
+            for j in range(n_c):
+                slope += lean_basis[i, j] * solution[j]
+            lean[i] = math.sqrt(1.0 + slope * slope)
+            if turn:
+                for j in range(total):
+                    at += design[i, j] * solution[j]
+                off = (y_m[i] - at) / sigma_m[i]
+                robust[i] = 1.0 / (1.0 + (0.5 * off) ** 2)
+    return solution

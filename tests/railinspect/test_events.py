@@ -346,6 +346,35 @@ def test_what_keeps_its_distance_at_speed_is_doubtful_but_never_dropped():
     assert [e.doubt for e in ride.events()] == [event.doubt]
 
 
+@pytest.mark.parametrize(
+    ("speed_mps", "confirmed_at"),
+    [(20.0, 25), (None, 25), (5.0, 3)],
+)
+def test_what_keeps_its_distance_waits_to_become_an_event(speed_mps, confirmed_at):
+    """A blemish of the picture for a second is none; what stays for two is, and somebody may run
+    ahead of a train that crawls."""
+    tracker = EventTracker()
+    confirmed = None
+    for frame in range(40):
+        sighting = replace(seen(10.0 + 0.05 * (-1) ** frame), range_noise_m=0.1)
+        update = tracker.update(frame, frame / RATE_HZ, (sighting,), speed_mps, VANISHING)
+        if confirmed is None and update.live:
+            confirmed = frame
+    assert confirmed == confirmed_at
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 20.0])
+def test_a_scale_that_is_wrong_for_all_ranges_does_not_hide_whether_a_thing_comes_nearer(speed_mps):
+    """A guessed camera's ranges are wrong by a quarter, all alike."""
+    tracker = EventTracker()
+    for frame in range(14):
+        range_m = (60.0 - speed_mps * frame / RATE_HZ) * 0.75
+        sighting = replace(seen(range_m, std_share=0.25), range_noise_m=0.01 * range_m)
+        update = tracker.update(frame, frame / RATE_HZ, (sighting,), 20.0, VANISHING)
+    (event,) = update.live
+    assert (event.doubt is None) == (speed_mps > 0)
+
+
 def test_doubt_ends_as_soon_as_it_comes_nearer():
     ride = Ride()
     assert steady(ride, 30, 60.0, std_share=0.01).live[0].doubt

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cache
 from itertools import pairwise
 
@@ -13,7 +14,14 @@ from hypothesis import strategies as st
 
 from railinspect import labels
 from railinspect.camera import Camera
-from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
+from railinspect.evaluation.drawn_tracks import (
+    Masks,
+    Thing,
+    camera,
+    centre_line,
+    draw,
+    draw_rail,
+)
 from railinspect.findings import Finding, find
 from railinspect.labels import GAUGES_M
 from railinspect.thresholds import Thresholds
@@ -250,6 +258,32 @@ def parting(hand: int, from_m: float, bend: object = None) -> Masks:
 @pytest.mark.parametrize("from_m", [4.0, 8.0, 12.0, 18.0, 26.0, 35.0])
 def test_a_switch_is_no_distortion(hand: int, from_m: float) -> None:
     _, found = judge(parting(hand, from_m), camera())
+    assert found == ()
+
+
+def crossed(hand: int, at_m: float, ratio: float, bend: object = None) -> Masks:
+    """A straight track that another one crosses at an angle of 1 in ``ratio``."""
+    own = draw(camera(), 0.0, bend=bend)
+    score = np.zeros_like(own.rail_score)
+    angle = hand * math.atan(1 / ratio)
+    s = centre_line(0.0)[:, 0]
+    along = s - 160.0
+    x, y = at_m + along * math.cos(angle), along * math.sin(angle)
+    line = np.stack([s, x, y, np.full_like(s, angle)], axis=1)[x > 2.0]
+    for side in (1, -1):
+        draw_rail(score, camera(), line, np.full(len(line), side * 0.75))
+    return dataclasses.replace(own, rail_score=np.maximum(own.rail_score, score))
+
+
+@pytest.mark.parametrize("hand", [1, -1])
+@pytest.mark.parametrize(
+    ("at_m", "ratio"), [(10.0, 14.0), (14.0, 14.0), (14.0, 20.0), (18.0, 14.0)]
+)
+def test_a_jump_to_a_crossing_tracks_rails_and_back_is_no_bend(
+    hand: int, at_m: float, ratio: float
+) -> None:
+    """Where they cross, the rails' measured places go along with the other track's for a while."""
+    _, found = judge(crossed(hand, at_m, ratio), camera())
     assert found == ()
 
 

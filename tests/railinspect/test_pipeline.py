@@ -46,7 +46,7 @@ def test_a_person_ahead_becomes_one_event_with_its_range():
 
 def test_what_keeps_its_distance_at_speed_is_unknown_and_no_obstacle():
     inspector = Inspector(read_paint, CAMERA, Train(speed_mps=SPEED_MPS))
-    records = [inspector(frame) for frame in frames([paint([12.0])] * 25)]
+    records = [inspector(frame) for frame in frames([paint([12.0])] * 40)]
     last = records[-1]
     assert len(last.findings) == 1
     assert last.status == "unknown"
