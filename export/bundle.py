@@ -231,6 +231,8 @@ def _public(recipe: dict[str, object]) -> dict[str, object]:
         for name in names:
             text.get(group, {}).pop(name, None)
     text.pop("start_from", None)
+    if "blended_with" in text:
+        text["blended_with"]["recipe"] = _public(text["blended_with"]["recipe"])
     return dict(text)
 
 

@@ -105,7 +105,7 @@ class Thresholds:
     vehicle_m: float = 0.7
     person_height_m: float = 0.60
     least_area_px: float = 14.0
-    least_confidence: float = 0.60
+    least_confidence: float = 0.65
     least_spacing_px: float = 5.0
     far_spacing_px: float = 9.0
     far_centre_m: float = 0.3
