@@ -37,7 +37,8 @@ class Measure:
         """Whether the bar is reached; None without a bar."""
         if self.bar is None:
             return None
-        return self.value <= self.bar if self.better == "lower" else self.value >= self.bar
+        held = self.value <= self.bar if self.better == "lower" else self.value >= self.bar
+        return bool(held)  # a NumPy value would make a NumPy answer, which JSON does not know
 
 
 def machine() -> str:
