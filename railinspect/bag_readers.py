@@ -64,7 +64,7 @@ class McapReader:
 
     def __init__(self, path: Path) -> None:
         try:
-            import mcap.reader  # noqa: F401
+            import mcap.reader  # noqa: F401  # only whether it is there
         except ImportError as error:
             raise BadInputError(
                 f"reading {path} needs the package mcap; install railinspect[recordings]"

@@ -9,7 +9,6 @@ later forgot.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -68,7 +67,7 @@ def main(arguments: list[str] | None = None) -> int:
         part = options.out.with_name(options.out.name + ".part")
         try:
             torch.save(content, part)
-            os.replace(part, options.out)  # noqa: PTH105
+            part.replace(options.out)
         except (OSError, RuntimeError) as error:
             part.unlink(missing_ok=True)
             raise OutputError(f"cannot write {options.out}: {error}") from error

@@ -103,7 +103,7 @@ def _local(match: str, apart_from: Path | None) -> Iterator[str]:
 
 def _absolute(path: str | Path) -> str:
     """An absolute path, so that no name looks like a protocol or an option; follows no link."""
-    return os.path.abspath(path)  # noqa: PTH100
+    return os.path.abspath(path)  # noqa: PTH100  # Path.resolve() would follow links
 
 
 def _in_folder(path: Path, apart_from: Path | None) -> Iterator[str]:

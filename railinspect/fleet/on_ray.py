@@ -82,7 +82,7 @@ class _Member:
         self._worker: Worker | str
         try:
             self._worker = Worker(setup)
-        except Exception as error:
+        except Exception as error:  # whatever it is, the driver has to hear of it
             self._worker = f"a worker cannot start: {error}"
 
     def perform(self, task: Task) -> Outcome:

@@ -101,7 +101,7 @@ def _serve(setup: Setup, pipe: Connection) -> None:
     worker: Worker | str
     try:
         worker = Worker(setup)
-    except Exception as error:
+    except Exception as error:  # whatever it is, the driver has to hear of it
         worker = f"a worker cannot start: {error}"
     while True:
         try:

@@ -281,7 +281,7 @@ BOX = '<box label="sky" xtl="0" ytl="0" xbr="9" ybr="9"/>'
         ("a.png", "expected the .jpg files"),
         (".hidden.jpg", "expected the .jpg files"),
         ("../secret.jpg", "secret.jpg, which is not in"),
-        ("/tmp/secret.jpg", "secret.jpg, which is not in"),
+        ("/elsewhere/secret.jpg", "secret.jpg, which is not in"),
         ("link.jpg", "link.jpg, which is not in"),
         ("text.jpg", "is no JPEG, but"),
     ],
