@@ -41,6 +41,7 @@ class DataConfig:
         aspect: Largest stretch of a training sample, sideways against upwards.
         rail_share: Fraction of training samples that must show a rail.
         strength: Strength of the photometric transforms, 0 … 1.
+        anomalies: Share of the training pictures that get an anomaly on their track, 0 … 1.
         batch_size: Samples per step, of each process.
         workers: Loader processes.
     """
@@ -57,6 +58,7 @@ class DataConfig:
     aspect: float = 1.15
     rail_share: float = 0.8
     strength: float = 1.0
+    anomalies: float = 0.0
     batch_size: int = 8
     workers: int = 2
 
@@ -130,6 +132,7 @@ class RailData(lightning.LightningDataModule):
             config.rail_share,
             config.strength,
             config.aspect,
+            config.anomalies,
         )
         dataset = SegmentationDataset(self._train, len(self._train), transform, self.seed)
         rank, processes = self._place

@@ -68,6 +68,7 @@ class SegmentationModule(lightning.LightningModule):
         self.clock = Clock(self.schedule)
         self.scores = Scores()
         self._spent_s = 0.0
+        self.skipped = 0
 
     def forward(self, images: Tensor) -> Tensor:
         """Class scores of uint8 images (N, 3, H, W)."""
@@ -112,7 +113,19 @@ class SegmentationModule(lightning.LightningModule):
             for term, value in terms.items():
                 self.log(f"train/{term}", value.detach(), prog_bar=term == "total")
             self.log("train/done", done, prog_bar=True)
+            self.log("train/skipped", float(self.skipped))
         return terms["total"]
+
+    def on_before_optimizer_step(self, optimizer: Any) -> None:
+        """Take nothing from a gradient that is not finite: half precision overflows at times.
+
+        Clipping would spread one infinite entry to all weights. Weights that stay broken are caught
+        by the loss.
+        """
+        grads = [w.grad for w in self.network.parameters() if w.grad is not None]
+        if grads and not torch.isfinite(torch.stack([g.float().sum() for g in grads])).all():
+            self.network.zero_grad(set_to_none=False)
+            self.skipped += 1
 
     def on_before_zero_grad(self, optimizer: Any) -> None:
         """Take the weights of the step just done into the average."""

@@ -14,9 +14,10 @@ from fscnn.data.datasets import (
     SegmentationDataset,
 )
 from fscnn.data.module import DataConfig, RailData
-from fscnn.data.transforms import RailCrop, training_transform
+from fscnn.data.transforms import GroundSmear, RailCrop, training_transform
+from railinspect import scenes
 from railinspect.errors import BadInputError
-from railinspect.labels import RAIL_RAISED
+from railinspect.labels import HUMAN, RAIL_RAISED, SKY, TRACKBED
 from tests.fscnn.drawing import draw, write_set
 
 
@@ -156,3 +157,48 @@ def test_transform_keeps_ids_sizes_and_types() -> None:
         assert done["image"].shape == (64, 96, 3)
         assert done["image"].dtype == np.uint8
         assert set(np.unique(done["mask"])) <= {*np.unique(mask), 255}
+
+
+def test_smear_changes_the_ground_and_leaves_what_stands_on_it() -> None:
+    rng = np.random.default_rng(5)
+    image = rng.integers(60, 200, (120, 160, 3)).astype(np.uint8)
+    mask = np.full((120, 160), SKY, np.uint8)
+    mask[50:] = TRACKBED
+    mask[60:, 70:74] = RAIL_RAISED
+    mask[60:100, 100:120] = HUMAN
+    smear = GroundSmear(length=(0.08, 0.08), darkest=(0.5, 0.5), p=1.0)
+    smear.set_random_seed(1)
+    done = smear(image=image, mask=mask)
+    assert np.array_equal(done["mask"], mask)
+    kept = mask != TRACKBED
+    assert np.array_equal(done["image"][kept], image[kept])
+    near = (mask == TRACKBED) & (np.arange(120)[:, None] > 100)
+    assert done["image"][near].std() < 0.6 * image[near].std()  # smooth, as streaming ballast is
+    assert 0.5 * image[near].mean() < done["image"][near].mean() < image[near].mean()  # and stained
+    smear.set_random_seed(1)
+    assert np.array_equal(smear(image=image, mask=mask)["image"], done["image"])
+    nothing = smear(image=image, mask=np.full_like(mask, SKY))
+    assert np.array_equal(nothing["image"], image)
+
+
+def test_smeared_ground_takes_no_colour_from_the_rails_beside_it() -> None:
+    mask = np.full((80, 80), TRACKBED, np.uint8)
+    mask[:, 38:42] = RAIL_RAISED
+    image = np.where(mask[..., None] == RAIL_RAISED, 250, 90).astype(np.uint8).repeat(3, axis=2)
+    smear = GroundSmear(length=(0.1, 0.1), darkest=(1.0, 1.0), p=1.0)
+    smear.set_random_seed(2)
+    done = smear(image=image, mask=mask)["image"]
+    assert np.abs(done[mask == TRACKBED].astype(int) - 90).max() <= 1
+
+
+def test_a_share_of_the_training_pictures_gets_an_anomaly() -> None:
+    scene = scenes.render(3)
+    size_wh = (scene.labels.shape[1], scene.labels.shape[0])
+    counts = np.bincount(scene.labels.ravel(), minlength=256)
+    for share in (0.0, 1.0):
+        transform = training_transform(size_wh, (1.0, 1.0), 0.0, 0.0, 1.0, anomalies=share)
+        for seed in range(3):
+            transform.set_random_seed(seed)
+            mask = transform(image=np.ascontiguousarray(scene.rgb), mask=scene.labels)["mask"]
+            same = np.array_equal(np.bincount(mask.ravel(), minlength=256), counts)
+            assert same == (share == 0.0)

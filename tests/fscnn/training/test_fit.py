@@ -258,6 +258,20 @@ def test_diverging_run_stops_and_says_why(tmp_path: Path) -> None:
         fit(config)
 
 
+def test_a_gradient_that_is_not_finite_is_left_out() -> None:
+    module = SegmentationModule(build("fscnn_s", {}), "fscnn_s")
+    weights = list(module.network.parameters())
+    for weight in weights:
+        weight.grad = torch.ones_like(weight)
+    module.on_before_optimizer_step(None)
+    assert module.skipped == 0
+    assert all((weight.grad == 1).all() for weight in weights)
+    weights[0].grad[0, 0, 0, 0] = torch.inf
+    module.on_before_optimizer_step(None)
+    assert module.skipped == 1
+    assert all((weight.grad == 0).all() for weight in weights)
+
+
 def test_divergence_names_the_layer() -> None:
     network = build("fscnn_s")
     with torch.no_grad():
