@@ -110,7 +110,7 @@ def _ranged(
     follower = TrackFollower(ride.camera)
     for _ in range(2):
         track = follower.update(seen)
-    findings = find(seen, track)
+    findings = [finding for finding in find(seen, track) if finding.doubt is None]
     start = time.process_time()
     rgb = frame.rgb if masks.bundle else None
     ranging = FrameRanging(track, segmentation=seen, settings=masks.settings(), rgb=rgb)

@@ -119,6 +119,28 @@ class EventTracker:
         """Whether anything was seen lately that the train's speed would help to judge."""
         return any(c.type != "distortion" for c in self._candidates)
 
+    @property
+    def following(self) -> bool:
+        """Whether anything seen before is still looked for."""
+        return bool(self._candidates)
+
+    def lost(self, time_s: float, ego_speed_mps: float | None, nearest_m: float) -> str | None:
+        """Which confirmed thing ought to be in sight and is not; None where all is as expected.
+
+        Args:
+            time_s: Media time of the frame just taken in, seconds.
+            ego_speed_mps: The train's speed, m/s; None if unknown.
+            nearest_m: Range below which the train's own front hides what lies on the track, metres.
+        """
+        for candidate in self._candidates:
+            if candidate.id is None or candidate.last_time_s == time_s or candidate.doubted:
+                continue
+            expected = candidate.range_at(time_s, ego_speed_mps)
+            if expected is None or expected[0] > nearest_m:
+                ago_s = time_s - candidate.last_time_s
+                return f"event {candidate.id} ({candidate.type}), seen {ago_s:.1f} s ago, is lost"
+        return None
+
     def live(self) -> tuple[Event, ...]:
         """Confirmed events that have not ended, nearest first."""
         events = [c.event() for c in self._candidates if c.id is not None]

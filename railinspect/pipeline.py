@@ -26,6 +26,7 @@ from railinspect.ranging.stereo_view import StereoView
 from railinspect.records import FrameRecord, LocatedFinding, Status
 from railinspect.segmenter import Segmenter
 from railinspect.speed_log import SpeedLog
+from railinspect.suspicion import Suspicions
 from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower, TrackGeometry
 from railinspect.track.geometry import SegmentationLike
@@ -116,6 +117,7 @@ class Inspector:
         self._thresholds = thresholds or Thresholds()
         self._steps = steps or Steps()
         self._events = EventTracker(event_settings, first_event_id)
+        self._suspicions = Suspicions(event_settings)
         self._motion = EgoMotion()
         self._follower: TrackFollower | None = None
         self._size_wh = (0, 0)
@@ -182,19 +184,22 @@ class Inspector:
         drift = self._drift.update(track) if self._drift is not None else None
         doubt = self._why_unknown(frame, track)
         # What is seen is reported even where the track is not followed; only "clear" needs that.
-        findings = self._steps.find(segmentation, track, self._thresholds)
-        ranges, reasons = self._ranged(findings, track, segmentation, frame, right_rgb)
+        seen = self._steps.find(segmentation, track, self._thresholds)
+        seen = tuple(sorted(seen, key=lambda finding: finding.doubt is not None))
+        findings = tuple(finding for finding in seen if finding.doubt is None)
+        ranges, reasons = self._ranged(seen, track, segmentation, frame, right_rgb)
         size_wh = (frame.rgb.shape[1], frame.rgb.shape[0])
-        sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(findings, ranges, strict=True))
+        sightings = tuple(_sighting(f, r, size_wh) for f, r in zip(seen, ranges, strict=True))
         vanishing = track.vanishing_uv
-        update = self._events.update(
-            frame.index,
-            frame.time_s,
-            sightings,
+        motion = (
             self.speed_mps,
             None if vanishing is None else (float(vanishing[0]), float(vanishing[1])),
             self._seen_speed_mps(frame, track),
         )
+        update = self._events.update(frame.index, frame.time_s, sightings[: len(findings)], *motion)
+        why = tuple(f"{f.evidence}, {f.doubt}" if f.doubt else None for f in seen)
+        suspicion = self._suspicions.update(frame.index, frame.time_s, sightings, why, *motion)
+        ranges, reasons = ranges[: len(findings)], reasons[: len(findings)]
         self._ended.extend(map(self._looked_back, update.ended))
         for event in update.live:
             if self._events.wants_thumbnail(event.id, frame.index):
@@ -202,6 +207,8 @@ class Inspector:
         sure = None in update.doubts
         if findings and not sure:
             doubt = doubt or update.doubts[0]
+        nearest_m = float(track.path.chainage_m[0]) if track.path is not None else 0.0
+        doubt = doubt or suspicion or self._events.lost(frame.time_s, self.speed_mps, nearest_m)
         motions = self._follow(frame.time_s, ranges, update.ids)
         self._motions = {e.id: self._motions[e.id] for e in update.live if e.id in self._motions}
         located = tuple(

@@ -215,6 +215,8 @@ def _run_range(options: argparse.Namespace) -> int:
     ranging = FrameRanging(track, segmentation=segmentation, stereo=_pair(options, rgb), rgb=rgb)
     located = []
     for finding in find(segmentation, track):
+        if finding.doubt is not None:
+            continue
         found = ranging.measure(finding)
         known = found if isinstance(found, Range) else None
         reason = None if isinstance(found, Range) else found.reason

@@ -41,7 +41,8 @@ class Thresholds:
         vehicle_m: Least height of a car, a lorry or a rail vehicle, metres.
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
-        least_confidence: Least mean confidence of the segmentation over the thing, 0..1.
+        least_confidence: Least mean confidence of the segmentation over the thing, 0..1;
+        least_doubt: what is below it is doubtful from this on, and nothing where still less sure.
         least_spacing_px: Where the rails are closer than this, things are too small to judge.
         far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
             only what hides the rails and stands across the centre line counts,
@@ -106,6 +107,7 @@ class Thresholds:
     person_height_m: float = 0.60
     least_area_px: float = 14.0
     least_confidence: float = 0.65
+    least_doubt: float = 0.5
     least_spacing_px: float = 5.0
     far_spacing_px: float = 9.0
     far_centre_m: float = 0.3

@@ -33,8 +33,9 @@ class Answer:
     Attributes:
         said: The type of the strongest finding (a distortion's confidence counts half, as in
             events: an obstruction explains a distorted rail and not the other way round), or
-            "clear", or "unknown" where the rails could not be followed.
-        boxes: Type and box of every finding, input pixels.
+            "clear", or "unknown" where the rails could not be followed or nothing but a doubtful
+            finding speaks against a clear track.
+        boxes: Type and box of every sure finding, input pixels.
         reason: Evidence of the strongest finding, or why the answer is unknown.
         time_ms: Processor time of this answer after the segmentation, milliseconds.
         rails_uv: Left and right rail as followed, input pixels; empty where none.
@@ -65,15 +66,19 @@ def inspect_still(segmentation: SegmentationLike, camera: Camera | None = None) 
     """
     began = time.process_time()
     track = TrackFollower(camera).update(segmentation)
-    findings = find(segmentation, track)
+    found = find(segmentation, track)
     time_ms = 1e3 * (time.process_time() - began)
     rails = (track.left_uv, track.right_uv)
+    findings = [f for f in found if f.doubt is None]
     boxes = tuple((f.type, f.box_xyxy) for f in findings)
     if findings:
         worst = max(findings, key=lambda f: f.confidence * TYPE_WEIGHT[f.type])
         return Answer(worst.type, boxes, worst.evidence, time_ms, rails)
     if not track.followed:
         reason = track.reason or "the rails cannot be followed"
+        return Answer("unknown", (), reason, time_ms, rails)
+    if found:
+        reason = f"{found[0].evidence}, but {found[0].doubt}"
         return Answer("unknown", (), reason, time_ms, rails)
     return Answer("clear", (), "", time_ms, rails)
 

@@ -29,12 +29,13 @@ def find(
         thresholds: Limits; defaults are stated there.
 
     Returns:
-        Findings, nearest first; none without a path.
+        Findings, nearest first, the doubtful ones among them; none without a path.
     """
     if track.path is None or track.profile is None or len(track.path.uv) < 4:
         return ()
     thresholds = thresholds or Thresholds()
     found = find_things(segmentation, track, thresholds)
     found += find_distortions(track, thresholds)
-    found += find_interruptions(segmentation, track, thresholds, found)
+    sure = [finding for finding in found if finding.doubt is None]
+    found += find_interruptions(segmentation, track, thresholds, sure)
     return tuple(sorted(found, key=lambda f: -f.foot_uv[1]))

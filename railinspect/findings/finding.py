@@ -24,6 +24,8 @@ class Finding:
         confidence: 0 to 1.
         foot_uv: Where it meets the ground on the track, input pixels, shape (2,).
         evidence: What was measured, in words with units.
+        doubt: Why there may be nothing; None for what is sure. What is doubtful is no event, and
+            the track it seems to stand on is not clear.
     """
 
     type: FindingType
@@ -32,3 +34,4 @@ class Finding:
     confidence: float
     foot_uv: Array
     evidence: str
+    doubt: str | None = None

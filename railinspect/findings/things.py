@@ -220,7 +220,9 @@ def _standing(
         )
         if finding is not None:
             found.append(finding)
-    return _one_thing(track, found)
+    sure = [finding for finding in found if finding.doubt is None]
+    doubtful = [finding for finding in found if finding.doubt is not None]
+    return _one_thing(track, sure) + _one_thing(track, doubtful)
 
 
 def _families(
@@ -370,7 +372,7 @@ def _judge(
     if name in _VEHICLES and height_m < limits.vehicle_m and not cut_off:
         return None
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
-    if sure < limits.least_confidence:
+    if sure < min(limits.least_doubt, limits.least_confidence):
         return None
     size = min(1.0, area / (6.0 * limits.least_area_px * scale**2))
     known = 1.0 if track.followed and range_m <= (track.reach_m or 0.0) * 1.05 else 0.8
@@ -390,4 +392,5 @@ def _judge(
             f"{what}, {width_m:.1f} m wide and {height_m:.1f} m high, its foot {abs(middle):.1f} m "
             f"{side} of the centre line at about {range_m:.0f} m"
         ),
+        doubt=None if sure >= limits.least_confidence else f"only {100 * sure:.0f} % sure",
     )
