@@ -77,8 +77,9 @@ class TrainConfig:
         seed: Seed of weights, order and transforms.
         network: Name in the registry.
         settings: Settings of the network that differ from its defaults.
-        start_from: Checkpoint whose weights training starts from, or ``imagenet`` for the published
-            weights of the network's backbone; empty starts from random ones.
+        start_from: Checkpoint or bundle (``.onnx``) whose weights training starts from, or
+            ``imagenet`` for the published weights of the network's backbone; empty starts from
+            random ones.
         fold_norms: Fold the batch norms of ``start_from`` into its kernels and train on without:
             more samples per second on a CPU, at a lower rate.
     """

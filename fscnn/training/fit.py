@@ -25,6 +25,7 @@ from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
 from fscnn.training import checkpoint as checkpoints
 from fscnn.training.config import TrainConfig, save
+from fscnn.training.from_bundle import load_bundle
 from fscnn.training.module import SegmentationModule
 from fscnn.training.norms import recalibrated
 from fscnn.training.pictures import Examples
@@ -96,7 +97,8 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
             raise BadInputError(f"network {config.network} has no published backbone to start from")
         backbone.load_imagenet()
     elif config.start_from:
-        started = checkpoints.load(Path(config.start_from))
+        given = Path(config.start_from)
+        started = load_bundle(given) if given.suffix == ".onnx" else checkpoints.load(given)
         if (started.name, started.settings) != (config.network, settings_of(network)):
             raise BadInputError(
                 f"{config.start_from} holds a network of another shape than {config.network}"
