@@ -145,7 +145,8 @@ class SegmentationModule(lightning.LightningModule):
     def validation_step(self, batch: tuple[Tensor, Tensor], batch_idx: int) -> None:
         """Score the averaged network on one batch."""
         images, masks = batch
-        scores = self.average.network(self.scaled(images))
+        # In half precision 255 would round to 256, and the surest pixels wrap to 0.
+        scores = self.average.network(self.scaled(images)).float()
         labels, confidence, _ = decide(scores, images.shape[2] // scores.shape[2])
         for mask, label, sure in zip(masks, labels, confidence, strict=True):
             self.scores.add(mask.cpu().numpy(), label.cpu().numpy(), sure.cpu().numpy())

@@ -34,29 +34,35 @@ def test_the_network_labels_as_its_bundle_does() -> None:
     assert off.abs().max() <= 2
 
 
-def test_training_starts_from_it(tmp_path: Path) -> None:
+def test_training_starts_from_it_and_half_precision_scores_the_same(tmp_path: Path) -> None:
     write_set(tmp_path / "set", 4)
-    config = load(
-        None,
-        [
-            f"start_from={SHIPPED}",
-            f"data.train_folders=[{tmp_path / 'set'}]",
-            f"data.val_folders=[{tmp_path / 'set'}]",
-            "data.crop_wh=[96, 64]",
-            "data.batch_size=2",
-            "data.workers=0",
-            "schedule.max_steps=1",
-            "optimiser.rate=0",
-            "run.examples=0",
-            "run.progress=false",
-            f"run.out={tmp_path / 'run'}",
-        ],
-    )
-    fit(config)
-    held = torch.load(tmp_path / "run" / "last.ckpt", weights_only=True)["fscnn"]
+    scores = []
+    for precision in ("32-true", "bf16-mixed"):
+        config = load(
+            None,
+            [
+                f"start_from={SHIPPED}",
+                f"data.train_folders=[{tmp_path / 'set'}]",
+                "data.val_scenes=[900100, 2]",
+                "data.crop_wh=[96, 64]",
+                "data.batch_size=2",
+                "data.workers=0",
+                "schedule.max_steps=1",
+                "optimiser.rate=0",
+                "run.examples=0",
+                "run.progress=false",
+                f"run.precision={precision}",
+                f"run.out={tmp_path / precision}",
+            ],
+        )
+        scores.append(fit(config))
+    held = torch.load(tmp_path / "32-true" / "last.ckpt", weights_only=True)["fscnn"]
     assert held["norms_folded"]
     before = load_bundle(SHIPPED).network.state_dict()
     assert torch.equal(held["average"]["classify.weight"], before["classify.weight"])
+    whole, half = (score["val/rail_iou"] for score in scores)
+    assert whole > 0.3
+    assert half == pytest.approx(whole, abs=0.02)
 
 
 def test_what_is_no_such_bundle_is_refused(tmp_path: Path) -> None:
