@@ -59,17 +59,20 @@ def find_things(
     table = np.zeros(256, np.uint8)
     table[list(limits.foreign)] = 1
     table[HUMAN] = 2
-    low = cv2.LUT(labels[first:], table)
+    kind = np.empty(labels.shape, np.uint8)
+    cv2.LUT(labels[first:], table, kind[first:])
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    if not cv2.bitwise_and(low, _corridor(track, used, widest)[first:]).any():
+    beside = cv2.bitwise_and(kind[first:], _corridor(track, used, widest)[first:])
+    if not beside.any():
         return []
-    kind = np.asarray(cv2.LUT(labels, table), np.uint8)
+    if first > 0:
+        cv2.LUT(labels[:first], table, kind[:first])
     found: list[Finding] = []
     for code in (2, 1):
         clearance = _clearance(limits, code)
-        mask = (kind == code).astype(np.uint8)
-        if not mask[first:].any():
+        if not (beside == code).any():
             continue
+        mask = (kind == code).view(np.uint8)
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
         mask = np.asarray(closed, np.uint8)
         rows, cols = _contacts(mask, kind, first)

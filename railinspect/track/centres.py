@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.track.growing import HALF, PSI, Growth, X, Y
-from railinspect.track.level import Level, bilinear, project
+from railinspect.track.level import Level, bilinear, project, sample_line
 from railinspect.track.settings import FollowerSettings
 
 Array = npt.NDArray[np.float64]
@@ -56,11 +56,13 @@ def _nearest_run(profile: Array, size: int, expected: float, count: int) -> int:
     at, nearest = count, 1e9
     for k in range(size):
         value = profile[k]
-        rises = k == 0 or value >= profile[k - 1]
-        falls = k == size - 1 or value >= profile[k + 1]
+        if value < 0.5 * most:
+            continue
+        if (k > 0 and value < profile[k - 1]) or (k < size - 1 and value < profile[k + 1]):
+            continue
         # The tie goes to the middle, the same for both hands; a higher run may lie a little off.
         away = abs(k - expected) + 1e-6 * abs(k - count) + 4.0 * (1.0 - value / (most + 1e-9))
-        if rises and falls and value >= 0.5 * most and away < nearest - 1e-9:
+        if away < nearest - 1e-9:
             at, nearest = k, away
     return at
 
@@ -84,7 +86,7 @@ def _measure(
     metre_px: Array,
     uv: Array,
 ) -> None:
-    raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
+    raw, profile = np.zeros(_PROFILE + 2), np.zeros(_PROFILE)
     before = np.zeros(2)  # each rail's offset one row nearer, metres
     for i in range(path.shape[0]):
         x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
@@ -125,11 +127,10 @@ def _measure(
                 peak[i, rail] = -1.0
                 continue
             size = 2 * count + 1
+            sample_line(score, u, v, du, dv, -count, 1.0 / step, raw[1 : size + 1])
+            raw[0], raw[size + 1] = raw[1], raw[size]
             for k in range(size):
-                d = (k - count) * step
-                raw[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
-            for k in range(size):
-                profile[k] = (raw[max(0, k - 1)] + 2 * raw[k] + raw[min(size - 1, k + 1)]) / 4
+                profile[k] = (raw[k] + 2 * raw[k + 1] + raw[k + 2]) / 4
             # At a switch two rails lie in reach and either may be the brighter one: take the run
             # nearest to where the rail is expected, half-way between path and last row.
             expected = count + 0.5 * before[rail] * metre / step

@@ -146,13 +146,17 @@ def project(cam: Array, x: float, y: float) -> tuple[float, float]:
 def _pixels(cam: Array, ground_xy: Array) -> Array:
     """Input pixels of ground points (N, 2); NaN at or behind the camera."""
     out = np.empty_like(ground_xy)
-    behind = cam[HEIGHT] * cam[HORIZON] / cam[FOCAL] + 1e-3
     for i in range(len(ground_xy)):
-        if ground_xy[i, 0] > behind:
-            out[i, 0], out[i, 1] = project(cam, ground_xy[i, 0], ground_xy[i, 1])
-        else:
-            out[i, 0] = out[i, 1] = np.nan
+        out[i, 0], out[i, 1] = pixel(cam, ground_xy[i, 0], ground_xy[i, 1])
     return out
+
+
+@numba.njit(cache=True, inline="always")
+def pixel(cam: Array, x: float, y: float) -> tuple[float, float]:
+    """Input pixel (u, v) of any ground point, for the compiled loops; NaN where not ahead."""
+    if x > cam[HEIGHT] * cam[HORIZON] / cam[FOCAL] + 1e-3:
+        return project(cam, x, y)
+    return np.nan, np.nan
 
 
 @numba.njit(cache=True, inline="always")
@@ -171,9 +175,44 @@ def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
     if not (0.0 <= u <= cols - 1.0 and 0.0 <= v <= rows - 1.0):
         return -1.0
     c, r = int(u), int(v)
-    c1, r1 = min(c + 1, cols - 1), min(r + 1, rows - 1)
+    return _between(image, u, v, c, r, min(c + 1, cols - 1), min(r + 1, rows - 1))
+
+
+@numba.njit(cache=True, inline="always")
+def _between(
+    image: npt.NDArray[np.uint8], u: float, v: float, c: int, r: int, c1: int, r1: int
+) -> float:
+    """Grey value between columns c, c1 and rows r, r1, which must lie in the image."""
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
     value: float = top * (1.0 - b) + low * b
     return value
+
+
+@numba.njit(cache=True, inline="always")
+def sample_line(
+    image: npt.NDArray[np.uint8],
+    u: float,
+    v: float,
+    du: float,
+    dv: float,
+    first: int,
+    parts: float,
+    out: Array,
+) -> None:
+    """Grey values, 0..1 and 0 outside the image, at (u, v) + i/parts·(du, dv), i from ``first``."""
+    rows, cols = image.shape
+    start, end = first / parts, (first + len(out) - 1) / parts
+    low_u, high_u = min(u + start * du, u + end * du), max(u + start * du, u + end * du)
+    low_v, high_v = min(v + start * dv, v + end * dv), max(v + start * dv, v + end * dv)
+    if low_u >= 0.0 and high_u < cols - 1.0 and low_v >= 0.0 and high_v < rows - 1.0:
+        for i in range(len(out)):  # no place needs to be tested by itself
+            t = (first + i) / parts
+            at_u, at_v = u + t * du, v + t * dv
+            c, r = int(at_u), int(at_v)
+            out[i] = _between(image, at_u, at_v, c, r, c + 1, r + 1) / 255.0
+    else:
+        for i in range(len(out)):
+            t = (first + i) / parts
+            out[i] = max(0.0, bilinear(image, u + t * du, v + t * dv)) / 255.0
