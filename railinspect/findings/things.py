@@ -28,6 +28,7 @@ from railinspect.labels import (
 )
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
+from railinspect.track.level import world_pixels
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -172,10 +173,8 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     rows = np.append(rows[:-1:4], rows[-1])  # the outline is smooth and widened below
     heading = path.heading_rad[rows]
     aside = half_m * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
-    ground = np.zeros((2 * len(rows), 3))
-    ground[: len(rows), :2] = path.xy_m[rows] + aside
-    ground[len(rows) :, :2] = (path.xy_m[rows] - aside)[::-1]
-    outline = track.camera.distort(track.camera.project(ground))
+    world = np.concatenate([path.xy_m[rows] + aside, (path.xy_m[rows] - aside)[::-1]])
+    outline = world_pixels(track.camera, world)
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
     mask = np.zeros((height, width), np.uint8)
     points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)

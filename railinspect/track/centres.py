@@ -193,7 +193,7 @@ def measure_centres(
     between, beside, metre, uv = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
     _measure(
         score,
-        level.vector(),
+        level.vector,
         path,
         0.5 * scale,
         3.0 * scale,

@@ -233,12 +233,9 @@ def _smooth(
     stiffness: tuple[float, float],
 ) -> tuple[SmoothTrack, Array]:
     """The smooth track through the seen centres, and each rail's residual across it, metres."""
-    rail_x, rail_y, samples = _samples(
+    rail_x, rail_y, (x_m, y_m, side, sigma_m), start = _samples(
         centres.path, centres.offset_m, centres.metre_px, seen, doubtful, scale
     )
-    half = centres.path[:, 3]
-    start = float(np.median(half[: max(4, len(half) // 3)]))
-    x_m, y_m, side, sigma_m = samples
     smooth = fit_smooth(x_m, y_m, side, sigma_m, start, *stiffness)
     centre, slope, spread = (at.reshape(rail_x.shape) for at in smooth.along(rail_x.ravel()))
     lean = np.sqrt(1.0 + slope**2)
@@ -249,8 +246,10 @@ def _smooth(
 @numba.njit(cache=True)
 def _samples(
     path: Array, offset_m: Array, metre_px: Array, seen: Bools, doubtful: Bools, scale: float
-) -> tuple[Array, Array, Array]:
-    """Places of all centres, each (M, 2), and x, y, side and deviation of those to fit, (4, N).
+) -> tuple[Array, Array, Array, float]:
+    """Places of all centres, each (M, 2); x, y, side and deviation of those to fit, (4, N).
+
+    And the half spacing expected, that of the nearer third.
 
     Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
     the weight of those it stands for.
@@ -278,7 +277,7 @@ def _samples(
                 samples[3, used] = sigma * (4.0 if doubtful[first, rail] else 1.0)
                 used += 1
         first = after
-    return rail_x, rail_y, samples[:, :used]
+    return rail_x, rail_y, samples[:, :used], np.median(path[: max(4, rows // 3), 3])
 
 
 def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
@@ -318,7 +317,7 @@ def _path(
     y, slope, half = smooth.along(x)
     approach = np.linspace(0.0, float(x[0]), 9)
     before = float(np.hypot(np.diff(approach), np.diff(smooth.y(approach))).sum())
-    chainage, uv, metre, across = _laid(level.vector(), x, y, slope, half, before)
+    chainage, uv, metre, across = _laid(level.vector, x, y, slope, half, before)
     cos_h, sin_h = math.cos(heading0), math.sin(heading0)
     world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
     seen = np.arange(len(x)) < len(x_seen)
@@ -357,14 +356,23 @@ def _laid(
 def _polylines(camera: Camera, centres: Centres, places: Array, seen: Bools) -> tuple[Array, Array]:
     """Rail polylines, top to bottom: measured where seen, the smooth track's in the holes."""
     width, height = camera.size_wh
-    lines = []
-    for rail in range(2):
-        last = np.flatnonzero(seen[:, rail])[-1] + 1
-        uv = np.where(seen[:last, rail, None], centres.uv[:last, rail], places[rail, :last])
-        inside = (uv[:, 0] >= 0) & (uv[:, 0] <= width - 1) & (uv[:, 1] >= 0)
-        inside &= uv[:, 1] <= height - 1
-        lines.append(uv[inside][::-1].copy())
-    return lines[0], lines[1]
+    left, right = (
+        _polyline(centres.uv[:, rail], places[rail], seen[:, rail], width, height)
+        for rail in range(2)
+    )
+    return left, right
+
+
+@numba.njit(cache=True)
+def _polyline(measured: Array, smooth: Array, seen: Bools, width: int, height: int) -> Array:
+    line, count, begun = np.empty((len(seen), 2)), 0, False
+    for i in range(len(seen) - 1, -1, -1):
+        begun = begun or seen[i]
+        uv = measured[i] if seen[i] else smooth[i]
+        if begun and 0 <= uv[0] <= width - 1 and 0 <= uv[1] <= height - 1:
+            line[count] = uv
+            count += 1
+    return line[:count]
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:

@@ -349,7 +349,7 @@ def grow(
     nodes = np.zeros((_MAX_NODES, 9))
     count, last, stop = _grow(
         score,
-        level.vector(),
+        level.vector,
         np.array(start),
         np.array(std),
         half_m,

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -61,6 +62,7 @@ class Level:
         """The same view with another horizon."""
         return replace(self, horizon_px=horizon_px)
 
+    @cached_property
     def vector(self) -> Array:
         """Parameters for the compiled loops, shape (12,)."""
         c = self.camera
@@ -119,7 +121,14 @@ class Level:
         """Input pixels of ground points; NaN at or behind the camera. Shape (..., 2)."""
         points = np.asarray(ground_xy, float)
         flat = np.ascontiguousarray(points).reshape(-1, 2)
-        return _pixels(self.vector(), flat).reshape(points.shape)
+        return _pixels(self.vector, flat).reshape(points.shape)
+
+
+def world_pixels(camera: Camera, world_xy: Array) -> Array:
+    """Input pixels of points of the world's ground; NaN at or behind the camera. Shape (N, 2)."""
+    cos, sin = math.cos(camera.yaw_rad), math.sin(camera.yaw_rad)
+    ahead = (world_xy - np.array([0.0, camera.offset_m])) @ np.array([[cos, -sin], [sin, cos]])
+    return Level.of(camera).pixels(ahead)
 
 
 @numba.njit(cache=True, inline="always")

@@ -62,7 +62,7 @@ def _measured_horizon(
 ) -> Measured | None:
     """Horizon and growth from the nearer part of the measured rails."""
     rows, spacing_px = _spacings(
-        best.level.vector(),
+        best.level.vector,
         centres.path,
         centres.offset_m,
         centres.peak,
@@ -75,7 +75,7 @@ def _measured_horizon(
         return None
     row, growth, covariance = fit
     # What a straight line cannot know: the plane's own slow bends near the camera.
-    floor = np.diag([(0.4 * scale) ** 2, (0.004 * growth) ** 2])
+    floor = np.array([[(0.4 * scale) ** 2, 0.0], [0.0, (0.004 * growth) ** 2]])
     return row, growth, covariance + floor
 
 

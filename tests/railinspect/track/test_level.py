@@ -29,7 +29,7 @@ def test_ground_points_fall_where_the_camera_projects_them(cam: Camera) -> None:
 @pytest.mark.parametrize("cam", CAMERAS)
 def test_compiled_projection_is_the_same(cam: Camera) -> None:
     level = Level.of(cam)
-    compiled = np.array([project(level.vector(), x, y) for x, y in POINTS])
+    compiled = np.array([project(level.vector, x, y) for x, y in POINTS])
     assert compiled == pytest.approx(level.pixels(POINTS), abs=1e-6)
 
 
@@ -42,7 +42,7 @@ def test_pixels_and_ground_undo_each_other(cam: Camera) -> None:
 def test_row_to_distance_matches_the_plane() -> None:
     level = Level.of(camera(pitch_deg=3))
     xy = level.ground_from_level(np.array([[0.0, level.horizon_px + 40.0]]))
-    assert x_at(level.vector(), 40.0) == pytest.approx(float(xy[0, 0]))
+    assert x_at(level.vector, 40.0) == pytest.approx(float(xy[0, 0]))
 
 
 def test_at_or_above_the_horizon_there_is_no_ground() -> None:
