@@ -45,26 +45,23 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
     unsure = profile.doubtful & ~vacant[:, None]
     residual = np.where(unsure, np.nan, residual)
-    smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
+    smooth = np.column_stack([_running_mean(everything[:, i], 3) for i in range(2)])
     smooth[unsure] = np.nan
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
     if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
-    common = smooth.mean(axis=1)  # NaN unless both rails are seen
-    together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    weaker, stronger = np.abs(smooth).min(axis=1), np.abs(smooth).max(axis=1)
-    together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
+    common, alone = _split(smooth, profile.at_switch, limits.switch_agreement)
     along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
     steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
     lobes = [
         lobe
-        for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
+        for lobe in _lobes(common, limit, limits, profile.chainage_m)
         if not any(_jumps(everything[:, i], lobe, limit, steepest) for i in range(2))
     ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
-        own = np.where(together | profile.at_switch | np.isnan(common), np.nan, smooth[:, rail])
+        own = alone[:, rail]
         extra = [
             lobe
             for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
@@ -76,6 +73,25 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     if not lobes:
         return []
     return [_distortion(track, lobes, kind, limit, smooth, limits)]
+
+
+@numba.njit(cache=True)
+def _split(smooth: Array, at_switch: Bools, agreement: float) -> tuple[Array, Array]:
+    """The mean of both rails where they leave the smooth track alike, else what each does alone.
+
+    Nothing, that is NaN, where a rail is not seen; nor does a rail count alone at a switch.
+    """
+    common, alone = np.full(len(smooth), np.nan), np.full(smooth.shape, np.nan)
+    for i in range(len(smooth)):
+        left, right = smooth[i, 0], smooth[i, 1]
+        if math.isnan(left) or math.isnan(right):
+            continue
+        least = (agreement if at_switch[i] else 0.5) * max(abs(left), abs(right))
+        if np.sign(left) == np.sign(right) and min(abs(left), abs(right)) >= least:
+            common[i] = 0.5 * (left + right)
+        elif not at_switch[i]:
+            alone[i, 0], alone[i, 1] = left, right
+    return common, alone
 
 
 def _ripple(

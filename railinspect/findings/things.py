@@ -63,7 +63,7 @@ def find_things(
     kind = np.empty(labels.shape, np.uint8)
     cv2.LUT(labels[first:], table, kind[first:])
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    beside = cv2.bitwise_and(kind[first:], _corridor(track, used, widest)[first:])
+    beside = cv2.bitwise_and(kind[first:], _corridor(track, used, widest, first))
     if not beside.any():
         return []
     if first > 0:
@@ -164,8 +164,10 @@ def _components(
     return number, np.array(areas)
 
 
-def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:
-    """Mask of everything up to ``half_m`` from the centre line on the plane, a little widened."""
+def _corridor(
+    track: TrackGeometry, used: Bools, half_m: float, first: int
+) -> npt.NDArray[np.uint8]:
+    """Mask, from row ``first`` on, of what is up to ``half_m`` beside the centre line and a bit."""
     path = track.path
     assert path is not None
     width, height = track.camera.size_wh
@@ -176,8 +178,8 @@ def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[n
     world = np.concatenate([path.xy_m[rows] + aside, (path.xy_m[rows] - aside)[::-1]])
     outline = world_pixels(track.camera, world)
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
-    mask = np.zeros((height, width), np.uint8)
-    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
+    mask = np.zeros((height - first, width), np.uint8)
+    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2) - np.array([0, first], np.int32)
     cv2.fillPoly(mask, [points], 255)
     cv2.polylines(mask, [points], True, 255, 5)
     return mask

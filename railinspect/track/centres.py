@@ -76,16 +76,18 @@ def _measure(
     least_px: float,
     reach_m: float,
     low: float,
-    offset: Array,
-    peak: Array,
-    width: Array,
-    other: Array,
-    between: Array,
-    aside: Array,
     aside_m: float,
-    metre_px: Array,
-    uv: Array,
-) -> None:
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+    """Everything of :class:`Centres` but the path, in its order."""
+    rows = len(path)
+    offset, peak, width, other = (
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+    )
+    between, aside, metre_px = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    uv = np.zeros((rows, 2, 2))
     raw, profile = np.zeros(_PROFILE + 2), np.zeros(_PROFILE)
     before = np.zeros(2)  # each rail's offset one row nearer, metres
     for i in range(path.shape[0]):
@@ -96,7 +98,6 @@ def _measure(
         spacing = math.hypot(ul - ur, vl - vr)
         metre = spacing / (2.0 * half)
         metre_px[i] = metre
-        between[i] = 0.0
         for k in range(3):
             t = 0.25 + 0.25 * k
             ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
@@ -104,16 +105,16 @@ def _measure(
         # Another rail: anything rail-like up to aside_m beside one of our rails, but not at it.
         um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
         keep_off = max(0.45 * metre, 8.0 * step)
-        aside[i] = 0.0
         if spacing > 40.0 * step:
             far = 0.5 * spacing + aside_m * metre
             d = -far
             while d <= far:
                 off = abs(abs(d) - 0.5 * spacing)
                 if keep_off < off <= aside_m * metre:
-                    c = um + d * (ul - ur) / spacing
-                    r = vm + d * (vl - vr) / spacing
-                    aside[i] = max(aside[i], bilinear(score, c, r) / 255.0)
+                    value = bilinear(
+                        score, um + d * (ul - ur) / spacing, vm + d * (vl - vr) / spacing
+                    )
+                    aside[i] = max(aside[i], value / 255.0)
                 d += 3.0 * step
         for rail in range(2):
             u, v = (ul, vl) if rail == 0 else (ur, vr)
@@ -121,8 +122,6 @@ def _measure(
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
             count = min(_PROFILE // 2, math.ceil(reach / step))
             uv[i, rail, 0], uv[i, rail, 1] = u, v
-            offset[i, rail], peak[i, rail] = 0.0, 0.0
-            width[i, rail], other[i, rail] = 0.0, 0.0
             if bilinear(score, u, v) < 0.0:
                 peak[i, rail] = -1.0
                 continue
@@ -160,6 +159,7 @@ def _measure(
             width[i, rail] = (last - first + 1) * step
             other[i, rail] = beside / high
             uv[i, rail, 0], uv[i, rail, 1] = u + shift * du, v + shift * dv
+    return offset, peak, width, other, between, aside, metre_px, uv
 
 
 def measure_centres(
@@ -188,10 +188,7 @@ def measure_centres(
     before = x < near[X]
     y[before] = near[Y] + (x[before] - near[X]) * math.tan(near[PSI])
     path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
-    m = len(path)
-    offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
-    between, beside, metre, uv = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
-    _measure(
+    measured = _measure(
         score,
         level.vector,
         path,
@@ -199,14 +196,6 @@ def measure_centres(
         3.0 * scale,
         settings.fine_reach_m,
         settings.low,
-        offset,
-        peak,
-        width,
-        other,
-        between,
-        beside,
         settings.switch_m,
-        metre,
-        uv,
     )
-    return Centres(path, offset, peak, width, other, between, beside, metre, uv)
+    return Centres(path, *measured)

@@ -387,6 +387,8 @@ def _gaps(
 ) -> tuple[Gap, ...]:
     """Stretches of at least three rows where a rail is missing, and the end of the track."""
     missing = inside & ~seen
+    if growth.stop != growing.LOST and not missing.any():
+        return ()
     gaps: list[Gap] = []
     m = len(seen)
     least = 3 * scale
