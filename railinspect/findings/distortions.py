@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -13,6 +14,7 @@ from railinspect.track.geometry import TrackGeometry
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 
 
 _LONG_ROWS = 8
@@ -32,37 +34,34 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     apart = 2.0 * path.half_m[:rows] * path.across_px[:rows]
     told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
     residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
+    limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
+    limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
+    # A mean over some rows exceeds its limit only where a row does; limits change little by row.
+    least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
+    if not np.any(np.abs(residual) >= least * limit[:, None]):  # NaN compares False
+        return []
     everything = residual
     # Where no rail lies on the smooth track any more, the one beside it is no other track's.
     vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
     unsure = profile.doubtful & ~vacant[:, None]
     residual = np.where(unsure, np.nan, residual)
-    limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
-    limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
-    # A mean over some rows exceeds its limit only where a row does; limits change little by row.
-    least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
-    if not np.any(np.abs(everything) >= least * limit[:, None]):  # NaN compares False
-        return []
-    smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
+    smooth = np.column_stack([_running_mean(everything[:, i], 3) for i in range(2)])
     smooth[unsure] = np.nan
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
     if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
-    common = smooth.mean(axis=1)  # NaN unless both rails are seen
-    together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
-    weaker, stronger = np.abs(smooth).min(axis=1), np.abs(smooth).max(axis=1)
-    together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
+    common, alone = _split(smooth, profile.at_switch, limits.switch_agreement)
     along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
     steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
     lobes = [
         lobe
-        for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
+        for lobe in _lobes(common, limit, limits, profile.chainage_m)
         if not any(_jumps(everything[:, i], lobe, limit, steepest) for i in range(2))
     ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
-        own = np.where(together | profile.at_switch | np.isnan(common), np.nan, smooth[:, rail])
+        own = alone[:, rail]
         extra = [
             lobe
             for lobe in _lobes(own, limits.bend_one_rail * limit, limits, profile.chainage_m)
@@ -76,6 +75,25 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     return [_distortion(track, lobes, kind, limit, smooth, limits)]
 
 
+@numba.njit(cache=True)
+def _split(smooth: Array, at_switch: Bools, agreement: float) -> tuple[Array, Array]:
+    """The mean of both rails where they leave the smooth track alike, else what each does alone.
+
+    Nothing, that is NaN, where a rail is not seen; nor does a rail count alone at a switch.
+    """
+    common, alone = np.full(len(smooth), np.nan), np.full(smooth.shape, np.nan)
+    for i in range(len(smooth)):
+        left, right = smooth[i, 0], smooth[i, 1]
+        if math.isnan(left) or math.isnan(right):
+            continue
+        least = (agreement if at_switch[i] else 0.5) * max(abs(left), abs(right))
+        if np.sign(left) == np.sign(right) and min(abs(left), abs(right)) >= least:
+            common[i] = 0.5 * (left + right)
+        elif not at_switch[i]:
+            alone[i, 0], alone[i, 1] = left, right
+    return common, alone
+
+
 def _ripple(
     residual: Array, doubtful: Bools, limit: Array, limits: Thresholds
 ) -> tuple[int, int, int] | None:
@@ -84,22 +102,41 @@ def _ripple(
     The mean product of the two rails' residuals is the square of what they share; what the
     segmentation adds to each by itself averages out. It sees waves too short for a running mean.
     """
-    length = limits.ripple_rows
-    product = residual[:, 0] * residual[:, 1]
-    shared = _running_mean(product, length)
-    high = np.sqrt(np.maximum(np.nan_to_num(shared), 0.0)) >= limits.ripple_share * limit
-    # A wave turns: within the window both rails must go to both sides.
+    first, last, peak = _swing(
+        residual,
+        doubtful,
+        limit,
+        limits.ripple_rows,
+        limits.ripple_share,
+        limits.ripple_doubt,
+    )
+    return None if first < 0 else (first, last, peak)
+
+
+@numba.njit(cache=True)
+def _swing(
+    residual: Array, doubtful: Bools, limit: Array, length: int, share: float, doubt: float
+) -> tuple[int, int, int]:
+    """What :func:`_ripple` looks for over ``length`` rows; first is −1 where there is none."""
+    shared = _running_mean(residual[:, 0] * residual[:, 1], length)
     half = length // 2
-    rows = np.flatnonzero(high[half : len(high) - half - 4]) + half
-    for row in rows:
-        if doubtful[row - half : row + half + 1].mean() > limits.ripple_doubt:
+    first, last, peak = -1, -1, -1
+    for row in range(half, len(shared) - half - 4):
+        if not math.sqrt(max(shared[row], 0.0)) >= share * limit[row]:  # NaN compares False
             continue
+        if first >= 0:
+            if row <= first + half + 6 * length:
+                last = row + half
+            continue
+        # A wave turns: within the window both rails must go to both sides.
         part = residual[row - half : row + half + 1]
-        if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
-            inside = rows[(rows >= row) & (rows <= row + 6 * length)]
-            peak = int(row - half + np.argmax(np.abs(part.mean(axis=1))))
-            return int(row - half), int(inside.max() + half), peak
-    return None
+        if np.sum(doubtful[row - half : row + half + 1]) > doubt * part.size:
+            continue
+        swing = min(part[:, 0].max(), part[:, 1].max(), -part[:, 0].min(), -part[:, 1].min())
+        if swing >= 0.4 * limit[row]:
+            first, last = row - half, row + half
+            peak = first + int(np.argmax(np.abs(part[:, 0] + part[:, 1])))
+    return first, last, peak
 
 
 def _jumps(
@@ -124,14 +161,16 @@ def _jumps(
     return bool(np.any(step > most))  # NaN compares False
 
 
+@numba.njit(cache=True)
 def _running_mean(values: Array, length: int) -> Array:
     """Centred mean of ``length`` neighbours; NaN where any is missing."""
-    out = np.full_like(values, np.nan)
-    if len(values) < length:
-        return out
+    out = np.full(len(values), np.nan)
     half = length // 2
-    inner = len(values) - 2 * half
-    out[half : half + inner] = sum(values[i : i + inner] for i in range(length)) / length
+    for i in range(half, len(values) - half):
+        total = 0.0
+        for j in range(i - half, i - half + length):
+            total += values[j]
+        out[i] = total / length
     return out
 
 
@@ -139,27 +178,36 @@ def _lobes(
     values: Array, limit: Array, limits: Thresholds, chainage_m: Array
 ) -> list[tuple[int, int, int]]:
     """(first, last, peak) of each one-sided deviation over its limit that is long enough."""
-    lobes: list[tuple[int, int, int]] = []
-    for sign in (1.0, -1.0):
-        over = sign * values > 0.5 * limit
-        padded = np.concatenate([[False], over, [False]])
-        edges = np.flatnonzero(padded[1:] != padded[:-1])
-        for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
-            ratio = sign * values[first : last + 1] / limit[first : last + 1]
-            peak = int(first + np.argmax(ratio))
-            rows = last - first + 1
-            length = chainage_m[last] - chainage_m[first]
-            high = np.count_nonzero(ratio >= 1.0)
-            # A deviation that reaches the end of the sight may be the end itself.
-            ends = last >= len(values) - 4
-            if (
-                high >= 2
-                and rows >= limits.bend_rows
-                and length >= limits.bend_length_m
-                and not ends
-            ):
-                lobes.append((int(first), int(last), peak))
-    return lobes
+    return [
+        (first, last, peak)
+        for sign in (1.0, -1.0)
+        for first, last, peak, high in _humps(sign * values / limit).tolist()
+        # A deviation that reaches the end of the sight may be the end itself.
+        if high >= 2
+        and last - first + 1 >= limits.bend_rows
+        and chainage_m[last] - chainage_m[first] >= limits.bend_length_m
+        and last < len(values) - 4
+    ]
+
+
+@numba.njit(cache=True)
+def _humps(ratio: Array) -> Indices:
+    """First, last and highest row of each run above a half, and how many reach 1; (N, 4)."""
+    humps = np.empty((len(ratio) // 2 + 1, 4), np.intp)
+    count, i = 0, 0
+    while i < len(ratio):
+        if not ratio[i] > 0.5:  # NaN compares False
+            i += 1
+            continue
+        first, peak, high = i, i, 0
+        while i < len(ratio) and ratio[i] > 0.5:
+            peak = i if ratio[i] > ratio[peak] else peak
+            high += ratio[i] >= 1.0
+            i += 1
+        humps[count, 0], humps[count, 1] = first, i - 1
+        humps[count, 2], humps[count, 3] = peak, high
+        count += 1
+    return humps[:count]
 
 
 def _distortion(

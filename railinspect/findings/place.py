@@ -18,12 +18,34 @@ def place_on_track(track: TrackGeometry, uv: Array) -> tuple[Array, Array, Indic
     """Chainage, lateral position and nearest sample of ground pixels; NaN above the horizon."""
     path = track.path
     assert path is not None
-    world = track.camera.ground(track.camera.undistort(uv))
-    lost = ~(np.isfinite(world[:, 0]) & np.isfinite(world[:, 1]))
-    chainage, lateral, at = track_coordinates(path, np.where(lost[:, None], 1.0, world))
+    camera = track.camera
+    seen = np.ascontiguousarray(camera.undistort(uv), float)
+    turn = camera.camera_from_world
+    over = camera.focal_px, *camera.principal_uv, camera.height_m, camera.offset_m
+    world = _on_ground(turn, over, seen)
+    chainage, lateral, at = track_coordinates(path, world)
+    lost = np.isnan(world[:, 0])
     lateral[lost] = np.nan
     chainage[lost] = np.inf
     return chainage, lateral, at
+
+
+@numba.njit(cache=True)
+def _on_ground(
+    camera_from_world: Array, camera: tuple[float, float, float, float, float], uv: Array
+) -> Array:
+    """:meth:`railinspect.camera.Camera.ground` for many small calls: NaN from the horizon up."""
+    focal, centre_u, centre_v, height, offset = camera
+    turn = camera_from_world
+    world = np.full(uv.shape, np.nan)
+    for i in range(len(uv)):
+        a, b = (uv[i, 0] - centre_u) / focal, (uv[i, 1] - centre_v) / focal
+        drop = a * turn[0, 2] + b * turn[1, 2] + turn[2, 2]
+        if drop < -1e-9:
+            scale = -height / drop
+            world[i, 0] = scale * (a * turn[0, 0] + b * turn[1, 0] + turn[2, 0])
+            world[i, 1] = scale * (a * turn[0, 1] + b * turn[1, 1] + turn[2, 1]) + offset
+    return world
 
 
 def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, Indices]:

@@ -28,6 +28,7 @@ from railinspect.labels import (
 )
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
+from railinspect.track.level import world_pixels
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -59,17 +60,20 @@ def find_things(
     table = np.zeros(256, np.uint8)
     table[list(limits.foreign)] = 1
     table[HUMAN] = 2
-    low = cv2.LUT(labels[first:], table)
+    kind = np.empty(labels.shape, np.uint8)
+    cv2.LUT(labels[first:], table, kind[first:])
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    if not cv2.bitwise_and(low, _corridor(track, used, widest)[first:]).any():
+    beside = cv2.bitwise_and(kind[first:], _corridor(track, used, widest, first))
+    if not beside.any():
         return []
-    kind = np.asarray(cv2.LUT(labels, table), np.uint8)
+    if first > 0:
+        cv2.LUT(labels[:first], table, kind[:first])
     found: list[Finding] = []
     for code in (2, 1):
         clearance = _clearance(limits, code)
-        mask = (kind == code).astype(np.uint8)
-        if not mask[first:].any():
+        if not (beside == code).any():
             continue
+        mask = (kind == code).view(np.uint8)
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
         mask = np.asarray(closed, np.uint8)
         rows, cols = _contacts(mask, kind, first)
@@ -160,22 +164,35 @@ def _components(
     return number, np.array(areas)
 
 
-def _corridor(track: TrackGeometry, used: Bools, half_m: float) -> npt.NDArray[np.uint8]:
-    """Mask of everything up to ``half_m`` from the centre line on the plane, a little widened."""
+@numba.njit(cache=True)
+def _border(xy_m: Array, heading_rad: Array, half_m: float) -> Array:
+    """Outline ``half_m`` to either side of a line, up its left and down its right, (2N, 2).
+
+    Every fourth sample will do: the outline is smooth and drawn with a broad line.
+    """
+    last = len(xy_m) - 1
+    count = (last + 3) // 4 + 1
+    border = np.empty((2 * count, 2))
+    for i in range(count):
+        at = min(4 * i, last)
+        aside_x, aside_y = -half_m * math.sin(heading_rad[at]), half_m * math.cos(heading_rad[at])
+        border[i, 0], border[i, 1] = xy_m[at, 0] + aside_x, xy_m[at, 1] + aside_y
+        border[-1 - i, 0], border[-1 - i, 1] = xy_m[at, 0] - aside_x, xy_m[at, 1] - aside_y
+    return border
+
+
+def _corridor(
+    track: TrackGeometry, used: Bools, half_m: float, first: int
+) -> npt.NDArray[np.uint8]:
+    """Mask, from row ``first`` on, of what is up to ``half_m`` beside the centre line and a bit."""
     path = track.path
     assert path is not None
     width, height = track.camera.size_wh
-    rows = np.flatnonzero(used)
-    rows = np.append(rows[:-1:4], rows[-1])  # the outline is smooth and widened below
-    heading = path.heading_rad[rows]
-    aside = half_m * np.stack([-np.sin(heading), np.cos(heading)], axis=1)
-    ground = np.zeros((2 * len(rows), 3))
-    ground[: len(rows), :2] = path.xy_m[rows] + aside
-    ground[len(rows) :, :2] = (path.xy_m[rows] - aside)[::-1]
-    outline = track.camera.distort(track.camera.project(ground))
+    border = _border(path.xy_m[used], path.heading_rad[used], half_m)
+    outline = world_pixels(track.camera, border)
     outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
-    mask = np.zeros((height, width), np.uint8)
-    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2)
+    mask = np.zeros((height - first, width), np.uint8)
+    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2) - np.array([0, first], np.int32)
     cv2.fillPoly(mask, [points], 255)
     cv2.polylines(mask, [points], True, 255, 5)
     return mask

@@ -76,15 +76,20 @@ def _pictures(path: Path, start_s: float) -> Iterator[av.VideoFrame]:
         context = stream.codec_context
         check_size((context.width, context.height), str(path))
         container.seek(max(round(start_s * av.time_base), 0), backward=True)
-        next_s, given = start_s, False
-        for decoded, frame in enumerate(container.decode(stream)):
-            if decoded >= MAX_DECODED or frame.time is None or frame.time > start_s + LENGTH_S:
-                return
-            check_size((frame.width, frame.height), str(path))
-            if frame.time >= next_s - 1e-6:
-                next_s = (next_s if given else frame.time) + 1 / RATE_HZ
-                given = True
-                yield frame
+        next_s, given, decoded = start_s, False, 0
+        for packet in container.demux(stream):
+            # Before the clip begins only those pictures are needed that later ones build on.
+            before = packet.pts is not None and packet.pts * packet.time_base < start_s - 1e-3
+            context.skip_frame = "NONREF" if before else "DEFAULT"
+            for frame in packet.decode():
+                decoded += 1
+                if decoded > MAX_DECODED or frame.time is None or frame.time > start_s + LENGTH_S:
+                    return
+                check_size((frame.width, frame.height), str(path))
+                if frame.time >= next_s - 1e-6:
+                    next_s = (next_s if given else frame.time) + 1 / RATE_HZ
+                    given = True
+                    yield frame
 
 
 def _encoded(frames: Iterator[av.VideoFrame]) -> bytes | None:

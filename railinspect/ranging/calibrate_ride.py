@@ -18,6 +18,7 @@ import numpy.typing as npt
 from railinspect.camera import Camera, CameraStd
 from railinspect.errors import BadInputError
 from railinspect.ranging.ground_level import BED_M
+from railinspect.ranging.robust_line import robust_line
 from railinspect.track.follower import TrackFollower
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 from railinspect.track.level import Level
@@ -193,12 +194,7 @@ def _growth(track: TrackGeometry, most_m: float = 30.0) -> tuple[float, float] |
         return None
     rails = Level.of(track.camera).from_pixels(profile.uv[used])
     rows, apart = rails[:, :, 1].mean(axis=1), np.abs(rails[:, 1, 0] - rails[:, 0, 0])
-    weight = np.ones_like(rows)
-    slope, at = 0.0, 0.0
-    for _ in range(4):
-        slope, at = (float(c) for c in np.polyfit(rows, apart, 1, w=np.sqrt(weight)))
-        residual = np.abs(apart - slope * rows - at)
-        weight = 1.0 / (1.0 + (residual / (2.0 * np.median(residual) + 1e-6)) ** 2)
+    slope, at = robust_line(rows, apart, 4)
     return (-at / slope, slope) if slope > 0.05 else None
 
 

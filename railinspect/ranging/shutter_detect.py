@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.errors import BadInputError
+from railinspect.ranging.robust_line import robust_line
 from railinspect.ranging.rolling_shutter import ShutterSensor
 from railinspect.ranging.speed import Speed
 
@@ -79,7 +80,7 @@ def find_stripe(image: Image, sensor: ShutterSensor, least_rows: int = 20) -> St
     # Places move in a straight line, pixels with this lens not always. First a line without the
     # rows that saw something else, then the rows near it.
     places = sensor.slope(centres)
-    slope, at = _robust_line(rows.astype(float), places)
+    slope, at = robust_line(rows.astype(float), places, 6)
     off = (places - slope * rows - at) / sensor.pixel_rad
     scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
     near = np.abs(off - np.median(off)) <= max(6.0 * scatter, 1.5)
@@ -131,14 +132,3 @@ def _contrast(image: Image, sensor: ShutterSensor) -> Array:
     grey = image.astype(float)
     low, noise = float(np.median(grey)), 1.4826 * float(np.median(np.abs(grey - np.median(grey))))
     return np.maximum(grey - low - 3.0 * noise, 0.0)
-
-
-def _robust_line(x: Array, y: Array) -> tuple[float, float]:
-    """Line through most points: iterated weights."""
-    weight = np.ones_like(x)
-    slope, at = 0.0, 0.0
-    for _ in range(6):
-        slope, at = (float(c) for c in np.polyfit(x, y, 1, w=np.sqrt(weight)))
-        residual = np.abs(y - slope * x - at)
-        weight = 1.0 / (1.0 + (residual / (2.0 * np.median(residual) + 1e-6)) ** 2)
-    return slope, at

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.track.growing import HALF, PSI, Growth, X, Y
-from railinspect.track.level import Level, bilinear, project
+from railinspect.track.level import Level, bilinear, project, sample_line
 from railinspect.track.settings import FollowerSettings
 
 Array = npt.NDArray[np.float64]
@@ -56,11 +56,13 @@ def _nearest_run(profile: Array, size: int, expected: float, count: int) -> int:
     at, nearest = count, 1e9
     for k in range(size):
         value = profile[k]
-        rises = k == 0 or value >= profile[k - 1]
-        falls = k == size - 1 or value >= profile[k + 1]
+        if value < 0.5 * most:
+            continue
+        if (k > 0 and value < profile[k - 1]) or (k < size - 1 and value < profile[k + 1]):
+            continue
         # The tie goes to the middle, the same for both hands; a higher run may lie a little off.
         away = abs(k - expected) + 1e-6 * abs(k - count) + 4.0 * (1.0 - value / (most + 1e-9))
-        if rises and falls and value >= 0.5 * most and away < nearest - 1e-9:
+        if away < nearest - 1e-9:
             at, nearest = k, away
     return at
 
@@ -74,17 +76,19 @@ def _measure(
     least_px: float,
     reach_m: float,
     low: float,
-    offset: Array,
-    peak: Array,
-    width: Array,
-    other: Array,
-    between: Array,
-    aside: Array,
     aside_m: float,
-    metre_px: Array,
-    uv: Array,
-) -> None:
-    raw, profile = np.zeros(_PROFILE), np.zeros(_PROFILE)
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
+    """Everything of :class:`Centres` but the path, in its order."""
+    rows = len(path)
+    offset, peak, width, other = (
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2)),
+    )
+    between, aside, metre_px = np.zeros(rows), np.zeros(rows), np.zeros(rows)
+    uv = np.zeros((rows, 2, 2))
+    raw, profile = np.zeros(_PROFILE + 2), np.zeros(_PROFILE)
     before = np.zeros(2)  # each rail's offset one row nearer, metres
     for i in range(path.shape[0]):
         x, y, psi, half = path[i, 0], path[i, 1], path[i, 2], path[i, 3]
@@ -94,7 +98,6 @@ def _measure(
         spacing = math.hypot(ul - ur, vl - vr)
         metre = spacing / (2.0 * half)
         metre_px[i] = metre
-        between[i] = 0.0
         for k in range(3):
             t = 0.25 + 0.25 * k
             ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
@@ -102,16 +105,16 @@ def _measure(
         # Another rail: anything rail-like up to aside_m beside one of our rails, but not at it.
         um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
         keep_off = max(0.45 * metre, 8.0 * step)
-        aside[i] = 0.0
         if spacing > 40.0 * step:
             far = 0.5 * spacing + aside_m * metre
             d = -far
             while d <= far:
                 off = abs(abs(d) - 0.5 * spacing)
                 if keep_off < off <= aside_m * metre:
-                    c = um + d * (ul - ur) / spacing
-                    r = vm + d * (vl - vr) / spacing
-                    aside[i] = max(aside[i], bilinear(score, c, r) / 255.0)
+                    value = bilinear(
+                        score, um + d * (ul - ur) / spacing, vm + d * (vl - vr) / spacing
+                    )
+                    aside[i] = max(aside[i], value / 255.0)
                 d += 3.0 * step
         for rail in range(2):
             u, v = (ul, vl) if rail == 0 else (ur, vr)
@@ -119,17 +122,14 @@ def _measure(
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
             count = min(_PROFILE // 2, math.ceil(reach / step))
             uv[i, rail, 0], uv[i, rail, 1] = u, v
-            offset[i, rail], peak[i, rail] = 0.0, 0.0
-            width[i, rail], other[i, rail] = 0.0, 0.0
             if bilinear(score, u, v) < 0.0:
                 peak[i, rail] = -1.0
                 continue
             size = 2 * count + 1
+            sample_line(score, u, v, du, dv, -count, 1.0 / step, raw[1 : size + 1])
+            raw[0], raw[size + 1] = raw[1], raw[size]
             for k in range(size):
-                d = (k - count) * step
-                raw[k] = max(0.0, bilinear(score, u + d * du, v + d * dv)) / 255.0
-            for k in range(size):
-                profile[k] = (raw[max(0, k - 1)] + 2 * raw[k] + raw[min(size - 1, k + 1)]) / 4
+                profile[k] = (raw[k] + 2 * raw[k + 1] + raw[k + 2]) / 4
             # At a switch two rails lie in reach and either may be the brighter one: take the run
             # nearest to where the rail is expected, half-way between path and last row.
             expected = count + 0.5 * before[rail] * metre / step
@@ -159,6 +159,7 @@ def _measure(
             width[i, rail] = (last - first + 1) * step
             other[i, rail] = beside / high
             uv[i, rail, 0], uv[i, rail, 1] = u + shift * du, v + shift * dv
+    return offset, peak, width, other, between, aside, metre_px, uv
 
 
 def measure_centres(
@@ -187,25 +188,14 @@ def measure_centres(
     before = x < near[X]
     y[before] = near[Y] + (x[before] - near[X]) * math.tan(near[PSI])
     path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
-    m = len(path)
-    offset, peak, width, other = (np.zeros((m, 2)) for _ in range(4))
-    between, beside, metre, uv = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, 2, 2))
-    _measure(
+    measured = _measure(
         score,
-        level.vector(),
+        level.vector,
         path,
         0.5 * scale,
         3.0 * scale,
         settings.fine_reach_m,
         settings.low,
-        offset,
-        peak,
-        width,
-        other,
-        between,
-        beside,
         settings.switch_m,
-        metre,
-        uv,
     )
-    return Centres(path, offset, peak, width, other, between, beside, metre, uv)
+    return Centres(path, *measured)

@@ -15,7 +15,7 @@ from railinspect.track import growing
 from railinspect.track.centres import Centres
 from railinspect.track.geometry import Gap, RailProfile, TrackPath
 from railinspect.track.growing import Growth
-from railinspect.track.level import Level
+from railinspect.track.level import Level, pixel
 from railinspect.track.settings import FollowerSettings
 from railinspect.track.smooth import SmoothTrack, fit_smooth
 
@@ -37,6 +37,9 @@ STOPS = {
 
 
 _FIT_STEP_M = 0.3
+
+_SIDES = np.array([1.0, -1.0])
+"""Sign of the left and the right rail's distance from the centre line."""
 
 _OTHER_RAIL_M = 0.08
 """What a measured place may be off at a switch before the smooth track's is drawn instead."""
@@ -125,9 +128,9 @@ def describe(
         centres.uv,
         noise,
     )
-    off_px = np.abs(np.nan_to_num(residual)) * metre[:, None]
+    off = np.abs(residual)  # NaN compares False
     # What lies off the smooth track beside another rail is that other rail.
-    other = unsure & (off_px > 2.0 * scale) & (np.abs(np.nan_to_num(residual)) > _OTHER_RAIL_M)
+    other = unsure & (off * metre[:, None] > 2.0 * scale) & (off > _OTHER_RAIL_M)
     left, right = _polylines(level.camera, centres, places, seen & ~other)
     rows = float((s_first_px - growth.nodes[growth.last - 1, 0]) / s_first_px)
     inside = centres.peak >= 0
@@ -152,13 +155,17 @@ def describe(
     )
 
 
+@numba.njit(cache=True)
 def _probability(score: Image, places: Array) -> Array:
     """Rail probability at places (2, M, 2) of both rails; 0 outside the image. Shape (M, 2)."""
     height, width = score.shape
-    u, v = np.nan_to_num(np.round(places), nan=-1.0).T  # (M, 2) each
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    at = np.where(inside, v * width + u, 0).astype(np.intp)
-    return np.where(inside, score.ravel()[at] / 255.0, 0.0)
+    found = np.zeros((places.shape[1], 2))
+    for i in range(len(found)):
+        for rail in range(2):
+            u, v = places[rail, i, 0], places[rail, i, 1]
+            if -0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5:
+                found[i, rail] = score[round(v), round(u)] / 255.0
+    return found
 
 
 def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
@@ -226,30 +233,51 @@ def _smooth(
     stiffness: tuple[float, float],
 ) -> tuple[SmoothTrack, Array]:
     """The smooth track through the seen centres, and each rail's residual across it, metres."""
-    x, y, heading, half = centres.path.T
-    side = np.array([1.0, -1.0])
-    across = side[None, :] * half[:, None] + centres.offset_m
-    rail_x = x[:, None] - np.sin(heading)[:, None] * across
-    rail_y = y[:, None] + np.cos(heading)[:, None] * across
-    sigma = np.hypot(0.7 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
-    sides = np.broadcast_to(side, rail_x.shape)
-    start = float(np.median(half[: max(4, len(half) // 3)]))
-    # Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
-    # the weight of those it stands for.
-    place = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))]) // _FIT_STEP_M
-    first = np.concatenate([[True], np.diff(place) > 0])
-    counts = np.diff(np.append(np.flatnonzero(first), len(first)))
-    sigma[first] /= np.sqrt(counts)[:, None]
-    fitted = seen & first[:, None]
-    smooth = fit_smooth(
-        rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness
+    rail_x, rail_y, (x_m, y_m, side, sigma_m), start = _samples(
+        centres.path, centres.offset_m, centres.metre_px, seen, doubtful, scale
     )
-    flat = rail_x.ravel()
-    centre, slope, spread = smooth.along(flat)
+    smooth = fit_smooth(x_m, y_m, side, sigma_m, start, *stiffness)
+    centre, slope, spread = (at.reshape(rail_x.shape) for at in smooth.along(rail_x.ravel()))
     lean = np.sqrt(1.0 + slope**2)
-    model = centre + sides.ravel() * spread * lean
-    residual = ((rail_y.ravel() - model) / lean).reshape(rail_x.shape)
-    return smooth, np.where(seen, residual, np.nan)
+    model = centre + _SIDES * spread * lean
+    return smooth, np.where(seen, (rail_y - model) / lean, np.nan)
+
+
+@numba.njit(cache=True)
+def _samples(
+    path: Array, offset_m: Array, metre_px: Array, seen: Bools, doubtful: Bools, scale: float
+) -> tuple[Array, Array, Array, float]:
+    """Places of all centres, each (M, 2); x, y, side and deviation of those to fit, (4, N).
+
+    And the half spacing expected, that of the nearer third.
+
+    Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
+    the weight of those it stands for.
+    """
+    rows = len(path)
+    rail_x, rail_y, samples = np.empty((rows, 2)), np.empty((rows, 2)), np.empty((4, 2 * rows))
+    used, along, first = 0, 0.0, 0
+    for i in range(rows):
+        sin, cos = math.sin(path[i, 2]), math.cos(path[i, 2])
+        for rail in range(2):
+            across = _SIDES[rail] * path[i, 3] + offset_m[i, rail]
+            rail_x[i, rail], rail_y[i, rail] = path[i, 0] - sin * across, path[i, 1] + cos * across
+    while first < rows:
+        step, after = along // _FIT_STEP_M, first
+        while after < rows and along // _FIT_STEP_M == step:
+            after += 1
+            if after < rows:
+                dx, dy = path[after, 0] - path[after - 1, 0], path[after, 1] - path[after - 1, 1]
+                along += math.hypot(dx, dy)
+        sigma = math.hypot(0.7 * scale / metre_px[first], 0.004) / math.sqrt(after - first)
+        for rail in range(2):
+            if seen[first, rail]:
+                samples[0, used], samples[1, used] = rail_x[first, rail], rail_y[first, rail]
+                samples[2, used] = _SIDES[rail]
+                samples[3, used] = sigma * (4.0 if doubtful[first, rail] else 1.0)
+                used += 1
+        first = after
+    return rail_x, rail_y, samples[:, :used], np.median(path[: max(4, rows // 3), 3])
 
 
 def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
@@ -287,37 +315,64 @@ def _path(
     beyond = far * np.exp(np.linspace(0.02, math.log(beyond_to / far), 24))
     x = np.concatenate([x_seen, beyond])
     y, slope, half = smooth.along(x)
-    step = np.hypot(np.diff(x), np.diff(y))
     approach = np.linspace(0.0, float(x[0]), 9)
     before = float(np.hypot(np.diff(approach), np.diff(smooth.y(approach))).sum())
-    chainage = before + np.concatenate([[0.0], np.cumsum(step)])
-    heading = np.arctan(slope)
-    normal = np.stack([-np.sin(heading), np.cos(heading)], axis=1) * half[:, None]
-    centre = np.stack([x, y], axis=1)
-    uv, left, right = level.pixels(np.stack([centre, centre + normal, centre - normal]))
-    span = (left - right) / (2 * half)[:, None]
-    metre = np.hypot(*span.T)
-    run = np.gradient(uv, axis=0)
-    run /= np.hypot(*run.T)[:, None] + 1e-12
-    across = np.abs(span[:, 0] * run[:, 1] - span[:, 1] * run[:, 0])
+    chainage, uv, metre, across = _laid(level.vector, x, y, slope, half, before)
     cos_h, sin_h = math.cos(heading0), math.sin(heading0)
     world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
     seen = np.arange(len(x)) < len(x_seen)
-    path = TrackPath(world, heading - heading0, half, chainage, uv, metre, across, seen)
-    return path, np.stack([left, right])
+    heading = np.arctan(slope) - heading0
+    path = TrackPath(world, heading, half, chainage, uv[0], metre, across, seen)
+    return path, uv[1:]
+
+
+@numba.njit(cache=True)
+def _laid(
+    cam: Array, x: Array, y: Array, slope: Array, half: Array, before_m: float
+) -> tuple[Array, Array, Array, Array]:
+    """Chainage, pixels of centre and rails (3, M, 2), and both scales of a track on the ground."""
+    count = len(x)
+    chainage, uv = np.empty(count), np.empty((3, count, 2))
+    metre, across = np.empty(count), np.empty(count)
+    for i in range(count):
+        step = math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) if i else before_m
+        chainage[i] = chainage[i - 1] + step if i else step
+        cos = 1.0 / math.sqrt(1.0 + slope[i] ** 2)
+        aside_x, aside_y = -slope[i] * cos * half[i], cos * half[i]
+        for line, side in enumerate((0.0, 1.0, -1.0)):
+            place = pixel(cam, x[i] + side * aside_x, y[i] + side * aside_y)
+            uv[line, i, 0], uv[line, i, 1] = place
+    for i in range(count):
+        span_u = (uv[1, i, 0] - uv[2, i, 0]) / (2.0 * half[i])
+        span_v = (uv[1, i, 1] - uv[2, i, 1]) / (2.0 * half[i])
+        metre[i] = math.hypot(span_u, span_v)
+        before, after = max(i - 1, 0), min(i + 1, count - 1)
+        run_u, run_v = uv[0, after, 0] - uv[0, before, 0], uv[0, after, 1] - uv[0, before, 1]
+        run = math.hypot(run_u, run_v) + 1e-12
+        across[i] = abs(span_u * run_v - span_v * run_u) / run
+    return chainage, uv, metre, across
 
 
 def _polylines(camera: Camera, centres: Centres, places: Array, seen: Bools) -> tuple[Array, Array]:
     """Rail polylines, top to bottom: measured where seen, the smooth track's in the holes."""
     width, height = camera.size_wh
-    lines = []
-    for rail in range(2):
-        last = np.flatnonzero(seen[:, rail])[-1] + 1
-        uv = np.where(seen[:last, rail, None], centres.uv[:last, rail], places[rail, :last])
-        inside = (uv[:, 0] >= 0) & (uv[:, 0] <= width - 1) & (uv[:, 1] >= 0)
-        inside &= uv[:, 1] <= height - 1
-        lines.append(uv[inside][::-1].copy())
-    return lines[0], lines[1]
+    left, right = (
+        _polyline(centres.uv[:, rail], places[rail], seen[:, rail], width, height)
+        for rail in range(2)
+    )
+    return left, right
+
+
+@numba.njit(cache=True)
+def _polyline(measured: Array, smooth: Array, seen: Bools, width: int, height: int) -> Array:
+    line, count, begun = np.empty((len(seen), 2)), 0, False
+    for i in range(len(seen) - 1, -1, -1):
+        begun = begun or seen[i]
+        uv = measured[i] if seen[i] else smooth[i]
+        if begun and 0 <= uv[0] <= width - 1 and 0 <= uv[1] <= height - 1:
+            line[count] = uv
+            count += 1
+    return line[:count]
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
@@ -332,6 +387,8 @@ def _gaps(
 ) -> tuple[Gap, ...]:
     """Stretches of at least three rows where a rail is missing, and the end of the track."""
     missing = inside & ~seen
+    if growth.stop != growing.LOST and not missing.any():
+        return ()
     gaps: list[Gap] = []
     m = len(seen)
     least = 3 * scale

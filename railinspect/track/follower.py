@@ -182,17 +182,15 @@ class TrackFollower:
             self._state = replace(new, lost=state.lost).after_loss(settings.lost_frames)
         else:
             self._state = new.learnt(best.pair, measured, scale, settings)
-        begin = level.to_pixels(
-            np.array([[best.pair.left.bottom_px, bottom], [best.pair.right.bottom_px, bottom]])
-        )
-        vanishing_uv = level.to_pixels(np.array(vanishing))
+        left, right = best.pair.left.bottom_px, best.pair.right.bottom_px
+        roi_uv = level.to_pixels(np.array([vanishing, (right, bottom), (left, bottom)]))
         return TrackGeometry(
             followed=followed,
             reason=reason,
             left_uv=found.left_uv,
             right_uv=found.right_uv,
-            vanishing_uv=vanishing_uv,
-            roi_uv=np.stack([vanishing_uv, begin[1], begin[0]]),
+            vanishing_uv=roi_uv[0],
+            roi_uv=roi_uv,
             reach_m=found.reach_m,
             gaps=found.gaps,
             camera=found.camera,

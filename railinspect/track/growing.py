@@ -16,7 +16,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from railinspect.track.level import Level, bilinear, project, x_at
+from railinspect.track.level import Level, bilinear, project, sample_line, x_at
 from railinspect.track.settings import FollowerSettings
 
 Array = npt.NDArray[np.float64]
@@ -64,15 +64,9 @@ def _sample(
     """Grey values along the normal through one ground point; True if inside the image."""
     u0, v0 = project(cam, x - reach * nx, y - reach * ny)
     u1, v1 = project(cam, x + reach * nx, y + reach * ny)
-    inside = True
-    for i in range(steps):
-        t = i / (steps - 1)
-        value = bilinear(score, u0 + t * (u1 - u0), v0 + t * (v1 - v0))
-        if value < 0.0:
-            inside = inside and i != steps // 2
-            value = 0.0
-        out[i] = value / 255.0
-    return inside
+    sample_line(score, u0, v0, u1 - u0, v1 - v0, 0, steps - 1, out[:steps])
+    middle = (steps // 2) / (steps - 1)
+    return bilinear(score, u0 + middle * (u1 - u0), v0 + middle * (v1 - v0)) >= 0.0
 
 
 @numba.njit(cache=True)
@@ -355,7 +349,7 @@ def grow(
     nodes = np.zeros((_MAX_NODES, 9))
     count, last, stop = _grow(
         score,
-        level.vector(),
+        level.vector,
         np.array(start),
         np.array(std),
         half_m,

@@ -50,12 +50,13 @@ class Horizon:
 
     def later(self, row_walk_px: float, growth_walk: float) -> Horizon:
         """The estimate one frame later: less certain by a random walk of each state."""
-        walk = np.diag([row_walk_px**2, (growth_walk * self.growth) ** 2])
+        walk = np.array([[row_walk_px**2, 0.0], [0.0, (growth_walk * self.growth) ** 2]])
         return Horizon(self.row_px, self.growth, self.covariance + walk)
 
     def swung(self, swing_px: float) -> Horizon:
         """What is known of one frame's horizon, about which the vehicle swings."""
-        return Horizon(self.row_px, self.growth, self.covariance + np.diag([swing_px**2, 0.0]))
+        swing = np.array([[swing_px**2, 0.0], [0.0, 0.0]])
+        return Horizon(self.row_px, self.growth, self.covariance + swing)
 
     def updated(self, row_px: float, growth: float, covariance: Array) -> Horizon:
         """The estimate after a measurement of both states with its covariance."""

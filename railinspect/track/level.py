@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -61,6 +62,7 @@ class Level:
         """The same view with another horizon."""
         return replace(self, horizon_px=horizon_px)
 
+    @cached_property
     def vector(self) -> Array:
         """Parameters for the compiled loops, shape (12,)."""
         c = self.camera
@@ -119,7 +121,14 @@ class Level:
         """Input pixels of ground points; NaN at or behind the camera. Shape (..., 2)."""
         points = np.asarray(ground_xy, float)
         flat = np.ascontiguousarray(points).reshape(-1, 2)
-        return _pixels(self.vector(), flat).reshape(points.shape)
+        return _pixels(self.vector, flat).reshape(points.shape)
+
+
+def world_pixels(camera: Camera, world_xy: Array) -> Array:
+    """Input pixels of points of the world's ground; NaN at or behind the camera. Shape (N, 2)."""
+    cos, sin = math.cos(camera.yaw_rad), math.sin(camera.yaw_rad)
+    ahead = (world_xy - np.array([0.0, camera.offset_m])) @ np.array([[cos, -sin], [sin, cos]])
+    return Level.of(camera).pixels(ahead)
 
 
 @numba.njit(cache=True, inline="always")
@@ -146,13 +155,17 @@ def project(cam: Array, x: float, y: float) -> tuple[float, float]:
 def _pixels(cam: Array, ground_xy: Array) -> Array:
     """Input pixels of ground points (N, 2); NaN at or behind the camera."""
     out = np.empty_like(ground_xy)
-    behind = cam[HEIGHT] * cam[HORIZON] / cam[FOCAL] + 1e-3
     for i in range(len(ground_xy)):
-        if ground_xy[i, 0] > behind:
-            out[i, 0], out[i, 1] = project(cam, ground_xy[i, 0], ground_xy[i, 1])
-        else:
-            out[i, 0] = out[i, 1] = np.nan
+        out[i, 0], out[i, 1] = pixel(cam, ground_xy[i, 0], ground_xy[i, 1])
     return out
+
+
+@numba.njit(cache=True, inline="always")
+def pixel(cam: Array, x: float, y: float) -> tuple[float, float]:
+    """Input pixel (u, v) of any ground point, for the compiled loops; NaN where not ahead."""
+    if x > cam[HEIGHT] * cam[HORIZON] / cam[FOCAL] + 1e-3:
+        return project(cam, x, y)
+    return np.nan, np.nan
 
 
 @numba.njit(cache=True, inline="always")
@@ -171,9 +184,44 @@ def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
     if not (0.0 <= u <= cols - 1.0 and 0.0 <= v <= rows - 1.0):
         return -1.0
     c, r = int(u), int(v)
-    c1, r1 = min(c + 1, cols - 1), min(r + 1, rows - 1)
+    return _between(image, u, v, c, r, min(c + 1, cols - 1), min(r + 1, rows - 1))
+
+
+@numba.njit(cache=True, inline="always")
+def _between(
+    image: npt.NDArray[np.uint8], u: float, v: float, c: int, r: int, c1: int, r1: int
+) -> float:
+    """Grey value between columns c, c1 and rows r, r1, which must lie in the image."""
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
     value: float = top * (1.0 - b) + low * b
     return value
+
+
+@numba.njit(cache=True, inline="always")
+def sample_line(
+    image: npt.NDArray[np.uint8],
+    u: float,
+    v: float,
+    du: float,
+    dv: float,
+    first: int,
+    parts: float,
+    out: Array,
+) -> None:
+    """Grey values, 0..1 and 0 outside the image, at (u, v) + i/parts·(du, dv), i from ``first``."""
+    rows, cols = image.shape
+    start, end = first / parts, (first + len(out) - 1) / parts
+    low_u, high_u = min(u + start * du, u + end * du), max(u + start * du, u + end * du)
+    low_v, high_v = min(v + start * dv, v + end * dv), max(v + start * dv, v + end * dv)
+    if low_u >= 0.0 and high_u < cols - 1.0 and low_v >= 0.0 and high_v < rows - 1.0:
+        for i in range(len(out)):  # no place needs to be tested by itself
+            t = (first + i) / parts
+            at_u, at_v = u + t * du, v + t * dv
+            c, r = int(at_u), int(at_v)
+            out[i] = _between(image, at_u, at_v, c, r, c + 1, r + 1) / 255.0
+    else:
+        for i in range(len(out)):
+            t = (first + i) / parts
+            out[i] = max(0.0, bilinear(image, u + t * du, v + t * dv)) / 255.0

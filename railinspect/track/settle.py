@@ -5,13 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numba
 import numpy as np
+import numpy.typing as npt
 
 from railinspect.track.centres import Centres, measure_centres
 from railinspect.track.geometry import Image
 from railinspect.track.horizon import Horizon, Measured, fit_growth
+from railinspect.track.level import FOCAL, HEIGHT, HORIZON
 from railinspect.track.search import Candidate, grow_from, view_of
 from railinspect.track.settings import FollowerSettings
+
+Array = npt.NDArray[np.float64]
 
 
 def settled_on(
@@ -56,18 +61,40 @@ def _measured_horizon(
     best: Candidate, centres: Centres, scale: float, settings: FollowerSettings
 ) -> Measured | None:
     """Horizon and growth from the nearer part of the measured rails."""
-    level = best.level
-    both = (centres.peak >= settings.low).all(axis=1)
-    both &= (centres.other < 0.45).all(axis=1)
-    rows = level.level_from_ground(centres.path[:, :2])[:, 1]
-    s = rows - level.horizon_px
-    near = both & (s > 0.25 * best.s_first)
-    spacing = 2 * centres.path[:, 3] + centres.offset_m[:, 0] - centres.offset_m[:, 1]
-    metre = s * math.cos(level.pitch_rad) / level.camera.height_m
-    fit = fit_growth(rows[near], (spacing * metre)[near], 0.7 * scale)
+    rows, spacing_px = _spacings(
+        best.level.vector,
+        centres.path,
+        centres.offset_m,
+        centres.peak,
+        centres.other,
+        settings.low,
+        0.25 * best.s_first,
+    )
+    fit = fit_growth(rows, spacing_px, 0.7 * scale)
     if fit is None:
         return None
     row, growth, covariance = fit
     # What a straight line cannot know: the plane's own slow bends near the camera.
-    floor = np.diag([(0.4 * scale) ** 2, (0.004 * growth) ** 2])
+    floor = np.array([[(0.4 * scale) ** 2, 0.0], [0.0, (0.004 * growth) ** 2]])
     return row, growth, covariance + floor
+
+
+@numba.njit(cache=True)
+def _spacings(
+    cam: Array, path: Array, offset_m: Array, peak: Array, other: Array, low: float, least_s: float
+) -> tuple[Array, Array]:
+    """Levelled row and spacing, pixels, where both rails are surely seen, ``least_s`` or lower."""
+    f, h, horizon = cam[FOCAL], cam[HEIGHT], cam[HORIZON]
+    pitch = -math.atan(horizon / f)
+    rows, spacing_px = np.empty(len(path)), np.empty(len(path))
+    count = 0
+    for i in range(len(path)):
+        row = f * h / (math.cos(pitch) ** 2 * (path[i, 0] + h * math.tan(pitch))) + horizon
+        sure = min(peak[i, 0], peak[i, 1]) >= low and max(other[i, 0], other[i, 1]) < 0.45
+        if not sure or row - horizon <= least_s:
+            continue
+        apart_m = 2.0 * path[i, 3] + offset_m[i, 0] - offset_m[i, 1]
+        rows[count] = row
+        spacing_px[count] = apart_m * ((row - horizon) * math.cos(pitch) / h)
+        count += 1
+    return rows[:count], spacing_px[:count]

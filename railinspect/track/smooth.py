@@ -47,9 +47,30 @@ class SmoothTrack:
 
     def along(self, x_m: Array) -> tuple[Array, Array, Array]:
         """Centre line y (m), its slope dy/dx, and half the rails' spacing across it (m)."""
-        centre, slope = centre_bases(x_m, self.knots_m)
-        half = hat_basis(x_m, self.half_knots_m)
-        return centre @ self.centre, slope @ self.centre, half @ self.half
+        return _along(x_m, self.knots_m, self.centre, self.half_knots_m, self.half)
+
+
+@numba.njit(cache=True)
+def _along(
+    x_m: Array, knots_m: Array, centre: Array, half_knots_m: Array, half: Array
+) -> tuple[Array, Array, Array]:
+    """Integrate the piecewise linear y'' from knot to knot: y, y' and the half spacing at x."""
+    k, bend = len(knots_m), centre[2:]
+    y, slope = np.empty(k), np.empty(k)  # at the knots
+    y[0], slope[0] = centre[0], centre[1]
+    for j in range(k - 1):
+        w = knots_m[j + 1] - knots_m[j]
+        y[j + 1] = y[j] + w * (slope[j] + w * (bend[j] / 3.0 + bend[j + 1] / 6.0))
+        slope[j + 1] = slope[j] + 0.5 * w * (bend[j] + bend[j + 1])
+    at, lean = np.empty(len(x_m)), np.empty(len(x_m))
+    for i in range(len(x_m)):
+        j = min(max(np.searchsorted(knots_m, x_m[i]) - 1, 0), k - 1)
+        t, change = x_m[i] - knots_m[j], 0.0  # outside the knots y'' stays what it is there
+        if t > 0.0 and j + 1 < k:
+            change = (bend[j + 1] - bend[j]) / (knots_m[j + 1] - knots_m[j])
+        at[i] = y[j] + t * (slope[j] + t * (0.5 * bend[j] + t * change / 6.0))
+        lean[i] = slope[j] + t * (bend[j] + 0.5 * t * change)
+    return at, lean, np.interp(x_m, half_knots_m, half)
 
 
 @numba.njit(cache=True)
@@ -112,23 +133,28 @@ def centre_bases(x_m: Array, knots_m: Array) -> tuple[Array, Array]:
     return centre, slope
 
 
+@numba.njit(cache=True)
 def _knots(near_m: float, far_m: float, first_m: float, growth: float) -> Array:
     """Knots from near to far whose spacing starts at ``first_m`` and grows with distance."""
     knots = [near_m]
     while knots[-1] < far_m:
         knots.append(knots[-1] + max(first_m, growth * knots[-1]))
-    knots[-1] = max(far_m, knots[-2] + 1.0) if len(knots) > 1 else knots[-1]
     if len(knots) == 1:
         knots.append(near_m + first_m)
+    else:
+        knots[-1] = max(far_m, knots[-2] + 1.0)
     return np.array(knots)
 
 
-def _differences(gram: Array, at: npt.NDArray[np.intp], weight: Array) -> None:
-    """Add Σ wⱼ·(pⱼ₊₁ − pⱼ)² over neighbouring parameters to a gram matrix."""
-    gram[at[:-1], at[:-1]] += weight
-    gram[at[1:], at[1:]] += weight
-    gram[at[:-1], at[1:]] -= weight
-    gram[at[1:], at[:-1]] -= weight
+@numba.njit(cache=True)
+def _add_differences(gram: Array, first: int, weight: Array) -> None:
+    """Add Σ wⱼ·(pⱼ₊₁ − pⱼ)² over the parameters from ``first`` on to a gram matrix."""
+    for j in range(len(weight)):
+        a, b = first + j, first + j + 1
+        gram[a, a] += weight[j]
+        gram[b, b] += weight[j]
+        gram[a, b] -= weight[j]
+        gram[b, a] -= weight[j]
 
 
 def fit_smooth(
@@ -158,25 +184,42 @@ def fit_smooth(
         correlated: Neighbouring rows see the same blobs: so many count as one against the priors.
         trend: Standard deviation of the half spacing's relative change from knot to knot.
     """
-    near, far = float(x_m.min()), float(x_m.max())
+    fitted = _fitted(x_m, y_m, side, sigma_m, half_m, curvature, rate, trend, correlated)
+    return SmoothTrack(*fitted)
+
+
+@numba.njit(cache=True)
+def _fitted(
+    x_m: Array,
+    y_m: Array,
+    side: Array,
+    sigma_m: Array,
+    half_m: float,
+    curvature: float,
+    rate: float,
+    trend: float,
+    correlated: float,
+) -> tuple[Array, Array, Array, Array]:
+    """Knots and parameters of the centre line, then of the half spacing."""
+    near, far = x_m.min(), x_m.max()
     knots = _knots(near, far, 12.0, 0.25)
     half_knots = _knots(near, far, 25.0, 0.8)
     n_c = len(knots) + 2
-    basis, lean_basis = centre_bases(x_m, knots)
-    hats = hat_basis(x_m, half_knots)
     total = n_c + len(half_knots)
     prior = np.zeros((total, total))  # gram matrix of the priors
     pull = np.zeros(total)
-    at = np.arange(len(knots)) + 2
-    prior[at, at] += 1.0 / curvature**2
-    _differences(prior, at, 1.0 / (rate**2 * np.diff(knots) * 10.0))
-    at = np.arange(len(half_knots)) + n_c
-    prior[at, at] += 1.0 / (_HALF_SPREAD * half_m) ** 2
-    pull[at] = half_m / (_HALF_SPREAD * half_m) ** 2
-    _differences(prior, at, np.full(len(at) - 1, 1.0 / (trend * half_m) ** 2))
+    for j in range(2, n_c):
+        prior[j, j] = 1.0 / curvature**2
+    _add_differences(prior, 2, 1.0 / (rate**2 * np.diff(knots) * 10.0))
+    for j in range(n_c, total):
+        prior[j, j] = 1.0 / (_HALF_SPREAD * half_m) ** 2
+        pull[j] = half_m / (_HALF_SPREAD * half_m) ** 2
+    _add_differences(prior, n_c, np.full(len(half_knots) - 1, 1.0 / (trend * half_m) ** 2))
+    basis, lean_basis = centre_bases(x_m, knots)
+    hats = hat_basis(x_m, half_knots)
     weight = 1.0 / (sigma_m**2 * correlated)
     solution = _solved(basis, lean_basis, hats, side, y_m, sigma_m, weight, prior, pull)
-    return SmoothTrack(knots, solution[:n_c], half_knots, solution[n_c:])
+    return knots, solution[:n_c], half_knots, solution[n_c:]
 
 
 @numba.njit(cache=True)

@@ -51,7 +51,8 @@ class FollowerState:
         home = self.home
         if measured is not None and home is not None:
             row, growth, covariance = measured
-            swing = np.diag([(settings.swing_px * scale) ** 2, (0.01 * growth) ** 2])
+            own = (settings.swing_px * scale) ** 2, (0.01 * growth) ** 2
+            swing = np.array([[own[0], 0.0], [0.0, own[1]]])
             home = home.updated(row, growth, covariance + swing)
         share = 1.0 / min(self.frames + 1, settings.memory_frames)
         aside = self.aside + share * (pair.aside - self.aside)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -32,24 +33,35 @@ def vanishing_point(
     Returns:
         The point (X, Y) and the weighted mean squared distance ε, px².
     """
-    # X − slope·Y = X_b − slope·Y_b, divided by the normal's length: cos θ, sin θ and l of (41).
-    slope = np.array([line.slope for line in lines])
-    at_bottom = np.array([line.bottom_px for line in lines])
-    votes = np.array([line.votes for line in lines])
-    norm = np.hypot(1.0, slope)
-    normal = np.stack([1.0 / norm, -slope / norm], axis=1)
-    distance = (at_bottom - slope * bottom_px) / norm
-    guess = np.array(near_px)
-    part = np.abs(distance - normal @ guess) <= reach_px
-    if np.count_nonzero(part) < 2:
-        return near_px, 0.0
-    normal, distance, weight = normal[part], distance[part], votes[part] / votes[part].sum()
-    gram = normal.T @ (weight[:, None] * normal)
-    if np.linalg.det(gram) < 1e-6:
-        return near_px, 0.0
-    x, y = np.linalg.solve(gram, normal.T @ (weight * distance))
-    residual = float(weight @ (distance - normal @ np.array([x, y])) ** 2)
-    return (float(x), float(y)), residual
+    table = np.array([(line.slope, line.bottom_px, line.votes) for line in lines])
+    x, y, residual = _nearest(table, bottom_px, near_px[0], near_px[1], reach_px)
+    return (x, y), residual
+
+
+@numba.njit(cache=True)
+def _nearest(
+    lines: Array, bottom_px: float, near_x: float, near_y: float, reach_px: float
+) -> tuple[float, float, float]:
+    """The point and ε for lines (slope, X at the bottom, votes), shape (N, 3)."""
+    votes, g00, g01, g11, h0, h1, square, part = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0
+    for i in range(len(lines)):
+        # X − slope·Y = X_b − slope·Y_b, divided by the normal's length: cos θ, sin θ and l of (41).
+        norm = math.hypot(1.0, lines[i, 0])
+        cos, sin = 1.0 / norm, -lines[i, 0] / norm
+        distance = (lines[i, 1] - lines[i, 0] * bottom_px) / norm - cos * near_x - sin * near_y
+        if abs(distance) > reach_px:
+            continue
+        weight = lines[i, 2]
+        part += 1
+        votes += weight
+        g00, g01, g11 = g00 + weight * cos**2, g01 + weight * cos * sin, g11 + weight * sin**2
+        h0, h1 = h0 + weight * cos * distance, h1 + weight * sin * distance
+        square += weight * distance**2
+    determinant = g00 * g11 - g01 * g01
+    if part < 2 or determinant <= 1e-6 * votes**2:
+        return near_x, near_y, 0.0
+    x, y = (g11 * h0 - g01 * h1) / determinant, (g00 * h1 - g01 * h0) / determinant
+    return near_x + x, near_y + y, max(0.0, square - x * h0 - y * h1) / votes
 
 
 def smoothed(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 
 from railinspect.camera import Camera
 from railinspect.evaluation.drawn_tracks import camera
-from railinspect.track.level import Level, bilinear, project, x_at
+from railinspect.track.level import Level, bilinear, project, sample_line, world_pixels, x_at
 
 CAMERAS = [
     camera(),
@@ -29,7 +31,7 @@ def test_ground_points_fall_where_the_camera_projects_them(cam: Camera) -> None:
 @pytest.mark.parametrize("cam", CAMERAS)
 def test_compiled_projection_is_the_same(cam: Camera) -> None:
     level = Level.of(cam)
-    compiled = np.array([project(level.vector(), x, y) for x, y in POINTS])
+    compiled = np.array([project(level.vector, x, y) for x, y in POINTS])
     assert compiled == pytest.approx(level.pixels(POINTS), abs=1e-6)
 
 
@@ -42,7 +44,7 @@ def test_pixels_and_ground_undo_each_other(cam: Camera) -> None:
 def test_row_to_distance_matches_the_plane() -> None:
     level = Level.of(camera(pitch_deg=3))
     xy = level.ground_from_level(np.array([[0.0, level.horizon_px + 40.0]]))
-    assert x_at(level.vector(), 40.0) == pytest.approx(float(xy[0, 0]))
+    assert x_at(level.vector, 40.0) == pytest.approx(float(xy[0, 0]))
 
 
 def test_at_or_above_the_horizon_there_is_no_ground() -> None:
@@ -87,3 +89,21 @@ def test_without_distortion_pixels_stay() -> None:
     pixels = np.array([[3.0, 4.0]])
     assert camera().distort(pixels) == pytest.approx(pixels)
     assert camera().undistort(pixels) == pytest.approx(pixels)
+
+
+def test_a_line_of_grey_values_is_the_places_one_by_one() -> None:
+    """Inside, over the border and off the image; the shortcut for whole lines changes no value."""
+    image = np.random.default_rng(1).integers(0, 256, (12, 20), np.uint8)
+    for u, v, du, dv in ((9.3, 5.2, 1.0, 0.2), (17.6, 5.0, 1.0, 0.0), (2.0, 10.5, 0.5, 0.4)):
+        line = np.empty(9)
+        sample_line(image, u, v, du, dv, -4, 2.0, line)
+        places = [(u + k / 2 * du, v + k / 2 * dv) for k in range(-4, 5)]
+        assert line.tolist() == [max(0.0, bilinear(image, *place)) / 255 for place in places]
+    assert line[-1] == 0.0  # the last line ends below the image
+
+
+@pytest.mark.parametrize("cam", CAMERAS)
+def test_world_pixels_are_the_cameras_own(cam: Camera) -> None:
+    cam = replace(cam, yaw_rad=0.05, offset_m=0.3)
+    expected = cam.distort(cam.project(np.c_[POINTS, np.zeros(4)]))
+    assert world_pixels(cam, POINTS) == pytest.approx(expected, abs=1e-6)
