@@ -20,6 +20,9 @@ _ONE_STEP = 0.75
 """A bend over more rows than these rises and falls over more than one: no single step takes this
 share of its height."""
 
+_FROM_TOP = 0.6
+"""What goes along with another rail jumps back from as far as it got, at least this share of it."""
+
 
 def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     """Stretches where the rails leave the smooth track together, or one does by more."""
@@ -37,24 +40,32 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
     unsure = profile.doubtful & ~vacant[:, None]
     residual = np.where(unsure, np.nan, residual)
-    limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
-    limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
+    # A rail that runs sideways through the image moves far along its rows: noise does so too, and
+    # the pixels of a bend count at right angles to it.
+    slant = metre / path.across_px[:rows]
+    least_px = limits.bend_m * metre
+    swing = np.maximum(limits.bend_px * scale, limits.bend_noise * profile.noise_px * slant)
+    swing = np.maximum(swing, least_px)
+    limit = np.maximum(limits.bend_px * scale * slant, limits.bend_noise * profile.noise_px)
+    limit = np.maximum(limit, least_px)
     # A mean over some rows exceeds its limit only where a row does; limits change little by row.
     least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
-    if not np.any(np.abs(everything) >= least * limit[:, None]):  # NaN compares False
+    if not np.any(
+        np.abs(everything) >= least * np.minimum(swing, limit)[:, None]
+    ):  # NaN compares False
         return []
     smooth = np.stack([_running_mean(everything[:, i], 3) for i in range(2)], axis=1)
     smooth[unsure] = np.nan
+    along = np.append(np.diff(profile.chainage_m), 0.0)
+    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
     # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
-    if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
-        return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
+    if (ripple := _ripple(everything, profile.doubtful, swing, steepest, limits)) is not None:
+        return [_distortion(track, [ripple], ["both rails"], swing, everything, limits)]
     common = smooth.mean(axis=1)  # NaN unless both rails are seen
     together = np.sign(smooth[:, 0]) == np.sign(smooth[:, 1])
     weaker, stronger = np.abs(smooth).min(axis=1), np.abs(smooth).max(axis=1)
     together &= weaker >= np.where(profile.at_switch, limits.switch_agreement, 0.5) * stronger
-    along = np.append(np.diff(profile.chainage_m), 0.0)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
-    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
     lobes = [
         lobe
         for lobe in _lobes(np.where(together, common, np.nan), limit, limits, profile.chainage_m)
@@ -77,7 +88,7 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
 
 
 def _ripple(
-    residual: Array, doubtful: Bools, limit: Array, limits: Thresholds
+    residual: Array, doubtful: Bools, limit: Array, steepest: Array, limits: Thresholds
 ) -> tuple[int, int, int] | None:
     """First and last row and peak of a stretch where both rails swing together.
 
@@ -95,6 +106,9 @@ def _ripple(
         if doubtful[row - half : row + half + 1].mean() > limits.ripple_doubt:
             continue
         part = residual[row - half : row + half + 1]
+        most = np.maximum(steepest[row - half : row + half, None], _ONE_STEP * np.ptp(part, axis=0))
+        if np.any(np.abs(np.diff(part, axis=0)) > most):
+            continue  # a jump to another track's rail
         if min(part.max(axis=0).min(), (-part.min(axis=0)).min()) >= 0.4 * limit[row]:
             inside = rows[(rows >= row) & (rows <= row + 6 * length)]
             peak = int(row - half + np.argmax(np.abs(part.mean(axis=1))))
@@ -116,12 +130,14 @@ def _jumps(
     first = int(before[-1]) if len(before) else 0
     last = int(after[0]) if len(after) else len(residual_px) - 1
     beside = slice(max(0, first - 8), last + 9)
+    away = np.abs(residual_px[beside])
     step = np.abs(np.diff(residual_px[beside]))
     most = steepest_px[beside][: len(step)]
+    height = float(np.nanmax(np.abs(residual_px[lobe[0] : lobe[1] + 1])))
     if last - first > _LONG_ROWS:
-        height = float(np.nanmax(np.abs(residual_px[lobe[0] : lobe[1] + 1])))
         most = np.minimum(most, max(_ONE_STEP * height, float(np.nanmin(limit))))
-    return bool(np.any(step > most))  # NaN compares False
+    from_top = np.maximum(away[1:], away[:-1]) >= _FROM_TOP * height
+    return bool(np.any((step > most) & from_top))  # NaN compares False
 
 
 def _running_mean(values: Array, length: int) -> Array:

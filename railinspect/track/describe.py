@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from railinspect.camera import Camera
 from railinspect.track import growing
+from railinspect.track.bends import bent_stretch, comes_back, stands_out, upright
 from railinspect.track.centres import Centres
 from railinspect.track.geometry import Gap, RailProfile, TrackPath
 from railinspect.track.growing import Growth
@@ -37,6 +38,9 @@ STOPS = {
 
 
 _FIT_STEP_M = 0.3
+
+_LEFT_OUT = 20.0
+"""Factor on the standard deviation of what is left out of a fit."""
 
 _OTHER_RAIL_M = 0.08
 """What a measured place may be off at a switch before the smooth track's is drawn instead."""
@@ -231,7 +235,11 @@ def _smooth(
     across = side[None, :] * half[:, None] + centres.offset_m
     rail_x = x[:, None] - np.sin(heading)[:, None] * across
     rail_y = y[:, None] + np.cos(heading)[:, None] * across
-    sigma = np.hypot(0.7 * scale / centres.metre_px, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
+    metre = centres.metre_px
+    across_px = metre * upright(
+        centres.uv.mean(axis=1)
+    )  # pixels per metre at right angles to the rails
+    sigma = np.hypot(0.7 * scale / metre, 0.004)[:, None] * np.where(doubtful, 4.0, 1.0)
     sides = np.broadcast_to(side, rail_x.shape)
     start = float(np.median(half[: max(4, len(half) // 3)]))
     # Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
@@ -241,15 +249,34 @@ def _smooth(
     counts = np.diff(np.append(np.flatnonzero(first), len(first)))
     sigma[first] /= np.sqrt(counts)[:, None]
     fitted = seen & first[:, None]
-    smooth = fit_smooth(
-        rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness
+
+    def fit(sigma: Array) -> tuple[SmoothTrack, Array]:
+        smooth = fit_smooth(
+            rail_x[fitted], rail_y[fitted], sides[fitted], sigma[fitted], start, *stiffness
+        )
+        centre, slope, spread = smooth.along(rail_x.ravel())
+        lean = np.sqrt(1.0 + slope**2)
+        model = centre + sides.ravel() * spread * lean
+        residual = ((rail_y.ravel() - model) / lean).reshape(rail_x.shape)
+        return smooth, np.where(seen, residual, np.nan)
+
+    smooth, residual = fit(sigma)
+    sure: Bools = np.all(seen & ~doubtful, axis=1)
+    common = residual.mean(axis=1)
+    if not stands_out(common * across_px, sure, scale):
+        return smooth, residual
+    noise = _noise_px(residual * metre[:, None], seen & ~doubtful, 0.3 * scale) / (0.7 * scale)
+    each = sigma.mean(axis=1) / math.sqrt(2.0)
+    bent = bent_stretch(
+        smooth, x[first], common[first], each[first], sure[first], *stiffness, noise
     )
-    flat = rail_x.ravel()
-    centre, slope, spread = smooth.along(flat)
-    lean = np.sqrt(1.0 + slope**2)
-    model = centre + sides.ravel() * spread * lean
-    residual = ((rail_y.ravel() - model) / lean).reshape(rail_x.shape)
-    return smooth, np.where(seen, residual, np.nan)
+    if bent is None:
+        return smooth, residual
+    inside = (x >= bent[0]) & (x <= bent[1])
+    straight, left_over = fit(np.where(inside[:, None], _LEFT_OUT * sigma, sigma))
+    if comes_back(left_over.mean(axis=1) * across_px, sure, inside, scale):
+        return straight, left_over
+    return smooth, residual
 
 
 def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:
