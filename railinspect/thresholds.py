@@ -47,6 +47,9 @@ class Thresholds:
         far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
             only what hides the rails and stands across the centre line counts,
         far_centre_m: reaching so far to both sides of it, metres.
+        crest_m: Where the ground ends all across the track and so far to both sides of it, metres,
+            a structure that begins there is doubtful: it stands behind a crest, nobody knows where,
+        crest_spacing_px: unless the rails are this far apart there, pixels: so near it counts.
         least_foot_px: Least width of a body with its foot inside the envelope, pixels.
         deep_m: A thing at the envelope's edge must come this far inside it, metres,
         deep_px: and this far in pixels at right angles to the track in the image.
@@ -59,7 +62,8 @@ class Thresholds:
         inside_share: Least share of the body's innermost foot line that lies inside the envelope,
             unless it is ``wide_m`` wide inside it.
         wide_m: Metres inside the envelope that count whatever lies outside.
-        bend_px: Least deviation of the rails from the smooth track, pixels.
+        bend_px: Least deviation of the rails from the smooth track, pixels: of 1.5 px in the image
+            the mean of some measured rows shows a little less.
         bend_m: Least deviation, metres.
         bend_noise: Least deviation as a multiple of the segmentation's own scatter.
         bend_rows: Least number of sampled rows of a deviation.
@@ -111,6 +115,8 @@ class Thresholds:
     least_spacing_px: float = 5.0
     far_spacing_px: float = 9.0
     far_centre_m: float = 0.3
+    crest_m: float = 4.0
+    crest_spacing_px: float = 14.0
     least_foot_px: float = 2.0
     deep_m: float = 0.25
     deep_px: float = 1.5
@@ -120,8 +126,8 @@ class Thresholds:
     overhang_width_m: float = 1.2
     inside_share: float = 0.5
     wide_m: float = 0.8
-    bend_px: float = 1.5
-    bend_m: float = 0.04
+    bend_px: float = 1.25
+    bend_m: float = 0.03
     bend_noise: float = 3.0
     bend_rows: int = 3
     bend_length_m: float = 0.8
@@ -133,7 +139,7 @@ class Thresholds:
     bend_slope: float = 0.2
     switch_agreement: float = 0.7
     ripple_rows: int = 7
-    ripple_share: float = 0.8
+    ripple_share: float = 0.75
     ripple_doubt: float = 0.5
     gap_m: float = 1.0
     gap_px: float = 8.0

@@ -22,6 +22,9 @@ _ONE_STEP = 0.75
 """A bend over more rows than these rises and falls over more than one: no single step takes this
 share of its height."""
 
+_FROM_TOP = 0.6
+"""What goes along with another rail jumps back from as far as it got, at least this share of it."""
+
 
 def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     """Stretches where the rails leave the smooth track together, or one does by more."""
@@ -34,11 +37,18 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     apart = 2.0 * path.half_m[:rows] * path.across_px[:rows]
     told_apart = (apart >= limits.bend_spacing_px * scale)[:, None]
     residual = np.where(told_apart, profile.residual_m * metre[:, None], np.nan)
-    limit = np.maximum(limits.bend_px * scale, limits.bend_m * metre)
-    limit = np.maximum(limit, limits.bend_noise * profile.noise_px)
+    # A rail that runs sideways through the image moves far along its rows: noise does so too, and
+    # the pixels of a bend count at right angles to it.
+    slant = metre / path.across_px[:rows]
+    least_px = limits.bend_m * metre
+    swing = np.maximum(limits.bend_px * scale, limits.bend_noise * profile.noise_px * slant)
+    swing = np.maximum(swing, least_px)
+    limit = np.maximum(limits.bend_px * scale * slant, limits.bend_noise * profile.noise_px)
+    limit = np.maximum(limit, least_px)
     # A mean over some rows exceeds its limit only where a row does; limits change little by row.
     least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
-    if not np.any(np.abs(residual) >= least * limit[:, None]):  # NaN compares False
+    lowest = least * np.minimum(swing, limit)[:, None]
+    if not np.any(np.abs(residual) >= lowest):  # NaN compares False
         return []
     everything = residual
     # Where no rail lies on the smooth track any more, the one beside it is no other track's.
@@ -47,13 +57,13 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     residual = np.where(unsure, np.nan, residual)
     smooth = np.column_stack([_running_mean(everything[:, i], 3) for i in range(2)])
     smooth[unsure] = np.nan
-    # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
-    if (ripple := _ripple(everything, profile.doubtful, limit, limits)) is not None:
-        return [_distortion(track, [ripple], ["both rails"], limit, everything, limits)]
-    common, alone = _split(smooth, profile.at_switch, limits.switch_agreement)
     along = np.append(np.diff(profile.chainage_m), 0.0)
-    gentle = np.full_like(metre, limits.bend_step_px * scale)
     steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
+    # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
+    if (ripple := _ripple(everything, profile.doubtful, swing, steepest, limits)) is not None:
+        return [_distortion(track, [ripple], ["both rails"], swing, everything, limits)]
+    common, alone = _split(smooth, profile.at_switch, limits.switch_agreement)
+    gentle = np.full_like(metre, limits.bend_step_px * scale)
     lobes = [
         lobe
         for lobe in _lobes(common, limit, limits, profile.chainage_m)
@@ -95,7 +105,7 @@ def _split(smooth: Array, at_switch: Bools, agreement: float) -> tuple[Array, Ar
 
 
 def _ripple(
-    residual: Array, doubtful: Bools, limit: Array, limits: Thresholds
+    residual: Array, doubtful: Bools, limit: Array, steepest: Array, limits: Thresholds
 ) -> tuple[int, int, int] | None:
     """First and last row and peak of a stretch where both rails swing together.
 
@@ -106,6 +116,7 @@ def _ripple(
         residual,
         doubtful,
         limit,
+        steepest,
         limits.ripple_rows,
         limits.ripple_share,
         limits.ripple_doubt,
@@ -115,7 +126,13 @@ def _ripple(
 
 @numba.njit(cache=True)
 def _swing(
-    residual: Array, doubtful: Bools, limit: Array, length: int, share: float, doubt: float
+    residual: Array,
+    doubtful: Bools,
+    limit: Array,
+    steepest: Array,
+    length: int,
+    share: float,
+    doubt: float,
 ) -> tuple[int, int, int]:
     """What :func:`_ripple` looks for over ``length`` rows; first is −1 where there is none."""
     shared = _running_mean(residual[:, 0] * residual[:, 1], length)
@@ -132,11 +149,25 @@ def _swing(
         part = residual[row - half : row + half + 1]
         if np.sum(doubtful[row - half : row + half + 1]) > doubt * part.size:
             continue
+        if _leaps(part, steepest[row - half : row + half]):
+            continue  # a jump to another track's rail
         swing = min(part[:, 0].max(), part[:, 1].max(), -part[:, 0].min(), -part[:, 1].min())
         if swing >= 0.4 * limit[row]:
             first, last = row - half, row + half
             peak = first + int(np.argmax(np.abs(part[:, 0] + part[:, 1])))
     return first, last, peak
+
+
+@numba.njit(cache=True)
+def _leaps(part: Array, steepest: Array) -> bool:
+    """Whether one step from row to row is more than any bend's, or most of the whole swing."""
+    for rail in range(2):
+        swing = part[:, rail].max() - part[:, rail].min()
+        for i in range(len(steepest)):
+            most = max(steepest[i], _ONE_STEP * swing)
+            if abs(part[i + 1, rail] - part[i, rail]) > most:
+                return True
+    return False
 
 
 def _jumps(
@@ -153,12 +184,14 @@ def _jumps(
     first = int(before[-1]) if len(before) else 0
     last = int(after[0]) if len(after) else len(residual_px) - 1
     beside = slice(max(0, first - 8), last + 9)
+    away = np.abs(residual_px[beside])
     step = np.abs(np.diff(residual_px[beside]))
     most = steepest_px[beside][: len(step)]
+    height = float(np.nanmax(np.abs(residual_px[lobe[0] : lobe[1] + 1])))
     if last - first > _LONG_ROWS:
-        height = float(np.nanmax(np.abs(residual_px[lobe[0] : lobe[1] + 1])))
         most = np.minimum(most, max(_ONE_STEP * height, float(np.nanmin(limit))))
-    return bool(np.any(step > most))  # NaN compares False
+    from_top = np.maximum(away[1:], away[:-1]) >= _FROM_TOP * height
+    return bool(np.any((step > most) & from_top))  # NaN compares False
 
 
 @numba.njit(cache=True)

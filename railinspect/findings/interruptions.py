@@ -9,10 +9,13 @@ import numpy.typing as npt
 from railinspect.findings.finding import Finding
 from railinspect.labels import CLASSES, GROUND, RAILS
 from railinspect.thresholds import Thresholds
-from railinspect.track.geometry import SegmentationLike, TrackGeometry
+from railinspect.track.geometry import Gap, RailProfile, SegmentationLike, TrackGeometry
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+
+_RAIL_THERE = 0.5
+"""Rail probability from which a rail lies at a place."""
 
 
 def find_interruptions(
@@ -39,6 +42,8 @@ def find_interruptions(
             continue
         before = profile.peak[(chainage < gap.from_m)][-8:]
         if len(before) < 6 or before.min(axis=1).mean() < limits.gap_contrast:
+            continue
+        if gap.continued and _rails_there(profile, gap):
             continue
         share, name = _non_ground(segmentation, track, gap.from_m, gap.to_m)
         if gap.continued:
@@ -74,6 +79,12 @@ def find_interruptions(
             )
         )
     return extra
+
+
+def _rails_there(profile: RailProfile, gap: Gap) -> bool:
+    """Whether rails lie in the hole where the smooth track has them: the growing missed them."""
+    hole = (profile.chainage_m >= gap.from_m) & (profile.chainage_m < gap.to_m)
+    return bool(np.median(profile.smooth_peak[hole].min(axis=1)) >= _RAIL_THERE)
 
 
 def _corridor(track: TrackGeometry, inside: Bools, half_m: float) -> Array:

@@ -37,6 +37,9 @@ _VEHICLES = (CLASSES[CAR], CLASSES[TRUCK], CLASSES[ON_RAILS])
 
 _GROUND = frozenset((*GROUND, *RAILS)) - {VEGETATION}
 
+_CREST_PX = 4.0
+"""Rows within which the ground ends at a crest: its edge is not level, pixels."""
+
 _FAMILY = np.arange(256)
 """What may hang over what: one id per class, but masts carry signals and vehicles are alike."""
 _FAMILY[[TRAFFIC_LIGHT, TRAFFIC_SIGN]] = POLE
@@ -311,13 +314,24 @@ def _innermost(
 
 
 def _behind_crest(
-    segmentation: SegmentationLike, inside: Array, columns_uv: tuple[int, int], scale: float
+    segmentation: SegmentationLike,
+    inside: Array,
+    columns_uv: tuple[int, int],
+    scale: float,
+    aside_px: float = 0.0,
 ) -> bool:
-    """Whether the ground ends at the foot on both sides too, so that the foot itself is hidden."""
+    """Whether the ground ends at the foot on both sides too, so that the foot itself is hidden.
+
+    With ``aside_px`` it has to end so far to both sides, and nowhere in between may it go on.
+    """
     reach = math.ceil(2.0 * scale)
-    row = max(0, int(inside[:, 1].min()) - reach)
-    sides = [columns_uv[0] - reach, columns_uv[1] + reach]
-    seen = [segmentation.labels[row, u] for u in sides if 0 <= u < segmentation.labels.shape[1]]
+    lift = reach if aside_px == 0.0 else math.ceil(_CREST_PX * scale)
+    row = max(0, int(inside[:, 1].min()) - lift)
+    first, last = columns_uv[0] - reach, columns_uv[1] + reach
+    columns = [first, last]
+    if aside_px > 0.0:
+        columns = list(range(first - math.ceil(aside_px), last + math.ceil(aside_px) + 1))
+    seen = [segmentation.labels[row, u] for u in columns if 0 <= u < segmentation.labels.shape[1]]
     return not any(label in _GROUND for label in seen)
 
 
@@ -391,6 +405,12 @@ def _judge(
     sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
     if sure < min(limits.least_doubt, limits.least_confidence):
         return None
+    doubt = None if sure >= limits.least_confidence else f"only {100 * sure:.0f} % sure"
+    distant = spacing_px < limits.crest_spacing_px * scale
+    if code == 1 and distant and name not in _VEHICLES:
+        aside_px = limits.crest_m * metre
+        if _behind_crest(segmentation, inside, columns_uv, scale, aside_px):
+            doubt = "but all ground ends at its foot, so it may stand farther on"
     size = min(1.0, area / (6.0 * limits.least_area_px * scale**2))
     known = 1.0 if track.followed and range_m <= (track.reach_m or 0.0) * 1.05 else 0.8
     middle = float(lateral.mean())
@@ -409,5 +429,5 @@ def _judge(
             f"{what}, {width_m:.1f} m wide and {height_m:.1f} m high, its foot {abs(middle):.1f} m "
             f"{side} of the centre line at about {range_m:.0f} m"
         ),
-        doubt=None if sure >= limits.least_confidence else f"only {100 * sure:.0f} % sure",
+        doubt=doubt,
     )

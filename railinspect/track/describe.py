@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from railinspect.camera import Camera
 from railinspect.track import growing
+from railinspect.track.bends import bent_stretch, comes_back, stands_out, upright
 from railinspect.track.centres import Centres
 from railinspect.track.geometry import Gap, RailProfile, TrackPath
 from railinspect.track.growing import Growth
@@ -21,6 +22,7 @@ from railinspect.track.smooth import SmoothTrack, fit_smooth
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.intp]
 Image = npt.NDArray[np.uint8]
 
 STOPS = {
@@ -40,6 +42,9 @@ _FIT_STEP_M = 0.3
 
 _SIDES = np.array([1.0, -1.0])
 """Sign of the left and the right rail's distance from the centre line."""
+
+_LEFT_OUT = 20.0
+"""Factor on the standard deviation of what is left out of a fit."""
 
 _OTHER_RAIL_M = 0.08
 """What a measured place may be off at a switch before the smooth track's is drawn instead."""
@@ -233,29 +238,54 @@ def _smooth(
     stiffness: tuple[float, float],
 ) -> tuple[SmoothTrack, Array]:
     """The smooth track through the seen centres, and each rail's residual across it, metres."""
-    rail_x, rail_y, (x_m, y_m, side, sigma_m), start = _samples(
+    x = centres.path[:, 0]
+    rail_x, rail_y, (x_m, y_m, side, sigma_m), of_row, sigma, start = _samples(
         centres.path, centres.offset_m, centres.metre_px, seen, doubtful, scale
     )
-    smooth = fit_smooth(x_m, y_m, side, sigma_m, start, *stiffness)
-    centre, slope, spread = (at.reshape(rail_x.shape) for at in smooth.along(rail_x.ravel()))
-    lean = np.sqrt(1.0 + slope**2)
-    model = centre + _SIDES * spread * lean
-    return smooth, np.where(seen, (rail_y - model) / lean, np.nan)
+
+    def fit(sigma_m: Array) -> tuple[SmoothTrack, Array]:
+        smooth = fit_smooth(x_m, y_m, side, sigma_m, start, *stiffness)
+        centre, slope, spread = (at.reshape(rail_x.shape) for at in smooth.along(rail_x.ravel()))
+        lean = np.sqrt(1.0 + slope**2)
+        model = centre + _SIDES * spread * lean
+        return smooth, np.where(seen, (rail_y - model) / lean, np.nan)
+
+    smooth, residual = fit(sigma_m)
+    sure: Bools = np.all(seen & ~doubtful, axis=1)
+    common = 0.5 * (residual[:, 0] + residual[:, 1])
+    across_px = centres.metre_px * upright(centres.uv.mean(axis=1))  # pixels per metre across
+    if not stands_out(common * across_px, sure, scale):
+        return smooth, residual
+    noise = _noise_px(residual * centres.metre_px[:, None], seen & ~doubtful, 0.3 * scale)
+    noise /= 0.7 * scale
+    first = np.flatnonzero(np.isfinite(sigma))
+    bent = bent_stretch(
+        smooth, x[first], common[first], sigma[first], sure[first], *stiffness, noise
+    )
+    if bent is None:
+        return smooth, residual
+    inside = (x >= bent[0]) & (x <= bent[1])
+    straight, left_over = fit(np.where(inside[of_row], _LEFT_OUT, 1.0) * sigma_m)
+    if comes_back(left_over.mean(axis=1) * across_px, sure, inside, scale):
+        return straight, left_over
+    return smooth, residual
 
 
 @numba.njit(cache=True)
 def _samples(
     path: Array, offset_m: Array, metre_px: Array, seen: Bools, doubtful: Bools, scale: float
-) -> tuple[Array, Array, Array, float]:
+) -> tuple[Array, Array, Array, Indices, Array, float]:
     """Places of all centres, each (M, 2); x, y, side and deviation of those to fit, (4, N).
 
-    And the half spacing expected, that of the nearer third.
+    And the row of each of those, (N,); the deviation of both rails' mean in the rows they are
+    taken from, NaN in others, (M,); and the half spacing expected, that of the nearer third.
 
     Near the camera rows lie closer than rails bend: one sample per _FIT_STEP_M says it all, with
     the weight of those it stands for.
     """
     rows = len(path)
     rail_x, rail_y, samples = np.empty((rows, 2)), np.empty((rows, 2)), np.empty((4, 2 * rows))
+    of_row, mean_sigma = np.empty(2 * rows, np.intp), np.full(rows, np.nan)
     used, along, first = 0, 0.0, 0
     for i in range(rows):
         sin, cos = math.sin(path[i, 2]), math.cos(path[i, 2])
@@ -270,14 +300,18 @@ def _samples(
                 dx, dy = path[after, 0] - path[after - 1, 0], path[after, 1] - path[after - 1, 1]
                 along += math.hypot(dx, dy)
         sigma = math.hypot(0.7 * scale / metre_px[first], 0.004) / math.sqrt(after - first)
+        mean_sigma[first] = 0.0
         for rail in range(2):
+            own = sigma * (4.0 if doubtful[first, rail] else 1.0)
+            mean_sigma[first] += 0.5 * own / math.sqrt(2.0)
             if seen[first, rail]:
                 samples[0, used], samples[1, used] = rail_x[first, rail], rail_y[first, rail]
-                samples[2, used] = _SIDES[rail]
-                samples[3, used] = sigma * (4.0 if doubtful[first, rail] else 1.0)
+                samples[2, used], samples[3, used] = _SIDES[rail], own
+                of_row[used] = first
                 used += 1
         first = after
-    return rail_x, rail_y, samples[:, :used], np.median(path[: max(4, rows // 3), 3])
+    start = np.median(path[: max(4, rows // 3), 3])
+    return rail_x, rail_y, samples[:, :used], of_row[:used], mean_sigma, start
 
 
 def _noise_px(residual_px: Array, usable: Bools, least: float) -> float:

@@ -33,7 +33,8 @@ class FollowerSettings:
         search_px: Least half-width of the lateral search.
         curvature_walk: Random walk of the curvature along the track, 1/m per √m.
         bend_walk: The same where the rails were lost: a buckled track's curvature changes so fast,
-        bend_gain: and it is taken if it comes farther and sees so much more of the rails, mean
+        bend_shrink: and each window is then this short, so that it holds a small part of a bend;
+        bend_gain: it is taken if it comes farther and sees so much more of the rails, mean
             probability.
         gap_m: Longest stretch without any rail the growing crosses.
         gap_share: Longest such stretch as a share of the range at which it begins.
@@ -76,6 +77,7 @@ class FollowerSettings:
     search_px: float = 3.0
     curvature_walk: float = 4e-4
     bend_walk: float = 8e-3
+    bend_shrink: float = 0.95
     bend_gain: float = 0.03
     gap_m: float = 60.0
     gap_share: float = 1.0
@@ -96,7 +98,7 @@ class FollowerSettings:
 
     def for_bends(self) -> FollowerSettings:
         """The settings with which a track that was lost is grown once more."""
-        return replace(self, curvature_walk=self.bend_walk)
+        return replace(self, curvature_walk=self.bend_walk, shrink=self.bend_shrink)
 
     def stiffness(self, calibrated: bool) -> tuple[float, float]:
         """Standard deviations of the smooth track's curvature (1/m) and its change (1/m²)."""

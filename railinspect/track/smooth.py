@@ -24,6 +24,9 @@ _HALF_SPREAD = 0.1
 _TURNS = 5
 """Turns of the iterated weights."""
 
+CORRELATED_ROWS = 8.0
+"""Neighbouring rows see the same blobs: so many count as one against the priors."""
+
 
 @dataclass(frozen=True)
 class SmoothTrack:
@@ -157,6 +160,22 @@ def _add_differences(gram: Array, first: int, weight: Array) -> None:
         gram[b, a] -= weight[j]
 
 
+@numba.njit(cache=True)
+def centre_prior(knots_m: Array, curvature: float, rate: float) -> Array:
+    """Gram matrix of what is known of a centre line beforehand, shape (K + 2, K + 2).
+
+    Args:
+        knots_m: Knots of the second derivative, metres, shape (K,).
+        curvature: Standard deviation of y'', 1/m.
+        rate: Standard deviation of the change of y'' per metre over 10 m, 1/m².
+    """
+    prior = np.zeros((len(knots_m) + 2, len(knots_m) + 2))
+    for j in range(2, len(prior)):
+        prior[j, j] = 1.0 / curvature**2
+    _add_differences(prior, 2, 1.0 / (rate**2 * np.diff(knots_m) * 10.0))
+    return prior
+
+
 def fit_smooth(
     x_m: Array,
     y_m: Array,
@@ -166,7 +185,7 @@ def fit_smooth(
     curvature: float = 1 / 150,
     rate: float = 1.2e-4,
     trend: float = 0.05,
-    correlated: float = 8.0,
+    correlated: float = CORRELATED_ROWS,
 ) -> SmoothTrack:
     """Fit both rails jointly.
 
@@ -181,7 +200,7 @@ def fit_smooth(
         half_m: Expected half spacing, metres.
         curvature: Standard deviation of y'', 1/m.
         rate: Standard deviation of the change of y'' per metre over 10 m, 1/m².
-        correlated: Neighbouring rows see the same blobs: so many count as one against the priors.
+        correlated: How many neighbouring rows count as one against the priors.
         trend: Standard deviation of the half spacing's relative change from knot to knot.
     """
     fitted = _fitted(x_m, y_m, side, sigma_m, half_m, curvature, rate, trend, correlated)
@@ -208,9 +227,7 @@ def _fitted(
     total = n_c + len(half_knots)
     prior = np.zeros((total, total))  # gram matrix of the priors
     pull = np.zeros(total)
-    for j in range(2, n_c):
-        prior[j, j] = 1.0 / curvature**2
-    _add_differences(prior, 2, 1.0 / (rate**2 * np.diff(knots) * 10.0))
+    prior[:n_c, :n_c] = centre_prior(knots, curvature, rate)
     for j in range(n_c, total):
         prior[j, j] = 1.0 / (_HALF_SPREAD * half_m) ** 2
         pull[j] = half_m / (_HALF_SPREAD * half_m) ** 2

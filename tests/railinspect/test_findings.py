@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 
@@ -25,7 +26,7 @@ from railinspect.evaluation.drawn_tracks import (
 from railinspect.findings import Finding, find
 from railinspect.labels import GAUGES_M
 from railinspect.thresholds import Thresholds
-from railinspect.track import TrackFollower, TrackGeometry
+from railinspect.track import Gap, TrackFollower, TrackGeometry
 
 slow = settings(deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 
@@ -243,6 +244,32 @@ def test_a_mast_behind_a_crest_is_no_obstacle(crest: bool) -> None:
     assert bool(found) is not crest
 
 
+@pytest.mark.parametrize(
+    ("label", "range_m", "ground_px", "seen"),
+    [
+        (labels.CONSTRUCTION, 75.0, 0, False),  # a wall that stands farther on
+        (labels.CONSTRUCTION, 75.0, 12, True),  # the ground goes on beside it
+        (labels.CONSTRUCTION, 45.0, 0, True),  # near enough to count all the same
+        (labels.ON_RAILS, 75.0, 0, True),  # trains stand on tracks
+    ],
+)
+def test_a_wall_behind_a_far_crest_is_doubtful(
+    label: int, range_m: float, ground_px: int, seen: bool
+) -> None:
+    masks = draw(camera(), 0.0)
+    left, right = camera().project(np.array([[range_m, 1.2, 0.0], [range_m, -1.2, 0.0]]))
+    foot = int(left[1])
+    score, marks = masks.rail_score.copy(), masks.labels.copy()
+    score[:foot], marks[:foot] = 0, labels.VEGETATION  # there the ground ends
+    marks[foot - ground_px : foot] = labels.TERRAIN
+    masks = Masks(marks, masks.confidence, score)
+    block = (int(left[0]), foot - 30, int(right[0]), foot + 3)
+    _, found = judge(beside(masks, label, block), camera())
+    (wall,) = found
+    assert wall.type == "obstruction"
+    assert (wall.doubt is None) is seen
+
+
 # Distortions
 
 
@@ -315,6 +342,47 @@ def test_bent_rails_are_found(curvature: float, bend: object) -> None:
     assert "smooth track" in found[0].evidence
 
 
+@pytest.mark.parametrize("range_m", [15.0, 20.0, 30.0])
+@pytest.mark.parametrize("hand", [1, -1])
+@pytest.mark.parametrize("period_m", [0.0, 5.0])
+def test_a_bend_of_a_pixel_and_a_half_is_found(range_m: float, hand: int, period_m: float) -> None:
+    length_m = 15.0 if period_m else 10.0
+    height_m = hand * 1.5 * range_m / camera().focal_px
+    bend = wave(range_m - length_m / 2, length_m, height_m, period_m)
+    _, found = judge(draw(camera(), 0.0, bend=bend), camera())
+    assert [f.type for f in found] == ["distortion"]
+
+
+def bent_aside(aside_px: Callable[[np.ndarray], np.ndarray], slant: float = 1.0) -> list[str]:
+    """Types found on a clear track whose rails are said to lie aside along their rows."""
+    masks = clear(0.0)
+    geometry, _ = judge(masks, camera())
+    assert geometry.profile is not None
+    assert geometry.path is not None
+    profile, path = geometry.profile, geometry.path
+    residual = aside_px(profile.chainage_m) / profile.metre_px
+    profile = dataclasses.replace(profile, residual_m=np.stack([residual, residual], axis=1))
+    path = dataclasses.replace(path, across_px=path.metre_px * slant)
+    bent = dataclasses.replace(geometry, profile=profile, path=path)
+    return [f.type for f in find(masks, bent)]
+
+
+def test_a_bends_pixels_count_at_right_angles_to_the_track() -> None:
+    assert bent_aside(wave(25.0, 15.0, 2.0)) == ["distortion"]
+    assert bent_aside(wave(25.0, 15.0, 2.0), slant=0.5) == []
+
+
+def test_only_a_jump_from_the_top_of_a_deviation_is_another_rails() -> None:
+    """A bend may end where another track's rail comes near; what went along with one jumps back."""
+
+    def cut(end_m: float) -> Callable[[np.ndarray], np.ndarray]:
+        bulge = wave(14.0, 12.0, 12.0)
+        return lambda s: np.where(s < end_m, bulge(s), 0.0)
+
+    assert bent_aside(cut(23.2)) == ["distortion"]  # at 0.45 of its height
+    assert bent_aside(cut(21.0)) == []
+
+
 def test_a_distortions_place_is_told() -> None:
     geometry, found = judge(draw(camera(), 0.0, bend=wave(30, 10, 0.25)), camera())
     foot = geometry.camera.ground(found[0].foot_uv)
@@ -347,6 +415,20 @@ def test_a_hole_in_both_rails_with_rails_beyond_is_an_obstruction() -> None:
     assert [f.type for f in found] == ["obstruction"]
     assert "interrupted" in found[0].evidence
     assert found[0].foot_uv[1] == pytest.approx(260, abs=3)
+
+
+def test_rails_the_growing_missed_are_no_hole() -> None:
+    masks = clear(0.0)
+    geometry, _ = judge(masks, camera())
+    hole = Gap("both", 20.0, 26.0, 240.0, 222.0, True)
+    missed = dataclasses.replace(geometry, gaps=(hole,))
+    assert find(masks, missed) == ()
+    assert geometry.profile is not None
+    peak = geometry.profile.smooth_peak.copy()
+    peak[(geometry.profile.chainage_m > 19) & (geometry.profile.chainage_m < 27)] = 0.0
+    profile = dataclasses.replace(geometry.profile, smooth_peak=peak)
+    found = find(masks, dataclasses.replace(missed, profile=profile))
+    assert [f.type for f in found] == ["obstruction"]
 
 
 def test_a_short_hole_is_the_segmentations_own() -> None:
