@@ -65,8 +65,10 @@ class _Masks:
 
     bundle: bool
 
-    def settings(self) -> RangingSettings | None:
-        return None if self.bundle else RangingSettings.sharp(SIZE_WH[0])
+    def settings(self) -> RangingSettings:
+        """As for a calibrated camera: which rails the line has is known."""
+        masks = RangingSettings() if self.bundle else RangingSettings.sharp(SIZE_WH[0])
+        return dataclasses.replace(masks, bed_std_m=0.0)
 
     def segment(self, frame: Rendered) -> Segmentation:
         return _network()(frame.rgb) if self.bundle else true_segmentation(frame.labels)

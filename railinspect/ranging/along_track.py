@@ -14,11 +14,12 @@ from railinspect.findings import Finding, place_on_track
 from railinspect.labels import HUMAN
 from railinspect.ranging.foot import refine_foot
 from railinspect.ranging.fusion import Absent, Estimate, Range, combine
-from railinspect.ranging.ground_level import class_counts, ground_level
+from railinspect.ranging.ground_level import BED_STD_M, class_counts, ground_level, thickness
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
 from railinspect.ranging.stereo_view import StereoView
 from railinspect.ranging.track_scale import ScaleSettings, TrackScale, fit_scale
+from railinspect.ranging.wheels import wheels_row
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 from railinspect.track.level import Level
 
@@ -45,6 +46,8 @@ class RangingSettings:
             the thing's near end: a stride, a slanting log, a rounded stone.
         stands_on_m: Height of what all things stand on against the rail tops, metres, where that
             is known; None judges it by what surrounds each foot.
+        bed_std_m: Standard deviation of the bed's height against the rail tops, metres; 0 where
+            the line's rails are known.
         extent_std_px: Standard deviation of a thing's height or width.
         scale: What the fit of the track's scale expects.
         gradient_std: Standard deviation of the gradient at the camera against the plane assumed.
@@ -56,8 +59,9 @@ class RangingSettings:
     foot_std_px: float = 0.8
     foot_seen_px: float = 1.2
     foot_unseen_px: float = 2.5
-    foot_along_m: float = 0.07
+    foot_along_m: float = 0.08
     stands_on_m: float | None = None
+    bed_std_m: float = BED_STD_M
     extent_std_px: float = 1.5
     scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
     gradient_std: float = GRADIENT_STD
@@ -70,10 +74,10 @@ class RangingSettings:
         """For masks that are true to the pixel at the image's own width."""
         pixel = 640.0 / width_px
         return RangingSettings(
-            foot_std_px=0.45 * pixel,
+            foot_std_px=pixel / math.sqrt(12.0),
             extent_std_px=pixel,
             least_spacing_px=3.5 * pixel,
-            scale=ScaleSettings(spacing_std_px=0.5 * pixel),
+            scale=ScaleSettings(spacing_std_px=0.58 * pixel),
         )
 
 
@@ -168,6 +172,11 @@ class FrameRanging:
             )
         metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
         foot_std_px = settings.foot_std_px * px
+        kind = self._class_of(finding)
+        if self._labels is not None and kind in WHEELED:
+            row = wheels_row(self._labels, kind, finding, metre)
+            finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
+            plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
             row = self._row_in_picture(finding, metre)
             foot_std_px = (settings.foot_unseen_px if row is None else settings.foot_seen_px) * px
@@ -282,20 +291,24 @@ class FrameRanging:
                 "size": known.std_m / known.size_m,
                 "focal": self._given.std.focal_px / self._given.focal_px,
             },
+            opinion=True,
         )
 
     def _level(self, finding: Finding, metre_px: float) -> tuple[float, float]:
         """Height of what the thing stands on against the rail tops, and its deviation, metres."""
         if self._settings.stands_on_m is not None:
             return self._settings.stands_on_m, 0.0
-        level, level_std = ground_level(self._labels, finding.foot_uv, metre_px)
+        level, level_std = ground_level(
+            self._labels, finding.foot_uv, metre_px, self._settings.bed_std_m
+        )
         if self._labels is None:
             return level, level_std
-        left, top, right, bottom = finding.box_xyxy
-        # A trunk or a pole longer than the gauge may lie across the rails; branches stand up from
-        # it.
-        bar = right - left > max(self._given.rail_spacing_m * metre_px, 2.0 * (bottom - top))
-        if not bar or self._class_of(finding) in WHEELED:
+        left, top, right, bottom = (round(value) for value in finding.box_xyxy)
+        # A trunk or a pole longer than the gauge may lie across the rails.
+        wide, kind = right - left + 1, self._class_of(finding)
+        if wide <= self._given.rail_spacing_m * metre_px or kind in WHEELED:
+            return level, level_std
+        if wide < 3.0 * thickness(self._labels, kind, (left, top, right, bottom)):
             return level, level_std
         return 0.5 * level, math.hypot(level_std, 0.3 * level)
 
