@@ -40,8 +40,9 @@ class RangingSettings:
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
-        foot_seen_px: The same where the picture is finer than the masks and shows the foot,
-        foot_unseen_px: and where it is finer but does not: shadows and shins are taken for it.
+        foot_mask_m: The same of a foot where the picture is finer than the masks and does not show
+            it, metres of the thing's height: shadows and shins are taken for it.
+        foot_picture_m: What a foot that the picture shows is off besides its own uncertainty.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
         stands_on_m: Height of what all things stand on against the rail tops, metres, where that
@@ -57,8 +58,8 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
-    foot_seen_px: float = 1.2
-    foot_unseen_px: float = 2.5
+    foot_mask_m: float = 0.20
+    foot_picture_m: float = 0.03
     foot_along_m: float = 0.08
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
@@ -178,10 +179,12 @@ class FrameRanging:
             finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
             plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
-            row = self._row_in_picture(finding, metre)
-            foot_std_px = (settings.foot_unseen_px if row is None else settings.foot_seen_px) * px
-            if row is not None:
-                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
+            seen = self._row_in_picture(finding, kind, metre)
+            if seen is None:
+                foot_std_px = math.hypot(foot_std_px, settings.foot_mask_m * metre)
+            else:
+                foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
+                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], seen[0]]))
                 plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
@@ -194,11 +197,13 @@ class FrameRanging:
         size = None if gauge is None else self._by_size(finding)
         return [e for e in (gauge, plane, size) if e is not None]
 
-    def _row_in_picture(self, finding: Finding, metre_px: float) -> float | None:
-        """Row of the foot as the picture shows it; None where it does not."""
+    def _row_in_picture(
+        self, finding: Finding, kind: int, metre_px: float
+    ) -> tuple[float, float] | None:
+        """Row of the foot as the picture shows it and its deviation; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
-        if self._class_of(finding) in WHEELED:
+        if kind in WHEELED:
             return None  # between the wheels the body ends above the ground
         return refine_foot(self._rgb, self._labels, finding, metre_px)
 
