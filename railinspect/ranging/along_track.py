@@ -42,6 +42,7 @@ class RangingSettings:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
         foot_mask_m: The same of a foot where the picture is finer than the masks and does not show
             it, metres of the thing's height: shadows and shins are taken for it.
+        wheels_m: The same of a vehicle's wheels.
         foot_picture_m: What a foot that the picture shows is off besides its own uncertainty.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
@@ -59,6 +60,7 @@ class RangingSettings:
 
     foot_std_px: float = 0.8
     foot_mask_m: float = 0.20
+    wheels_m: float = 0.08
     foot_picture_m: float = 0.03
     foot_along_m: float = 0.08
     stands_on_m: float | None = None
@@ -181,7 +183,8 @@ class FrameRanging:
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
             seen = self._row_in_picture(finding, kind, metre)
             if seen is None:
-                foot_std_px = math.hypot(foot_std_px, settings.foot_mask_m * metre)
+                mask_m = settings.wheels_m if kind in WHEELED else settings.foot_mask_m
+                foot_std_px = math.hypot(foot_std_px, mask_m * metre)
             else:
                 foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
                 finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], seen[0]]))
@@ -205,7 +208,8 @@ class FrameRanging:
             return None
         if kind in WHEELED:
             return None  # between the wheels the body ends above the ground
-        return refine_foot(self._rgb, self._labels, finding, metre_px)
+        horizon = self._track.camera.horizon_v(float(finding.foot_uv[0]))
+        return refine_foot(self._rgb, self._labels, finding, metre_px, horizon)
 
     def _by_stereo(self, finding: Finding) -> Estimate | None:
         """The pair's range of the thing, brought from the viewing axis onto the track."""

@@ -10,6 +10,8 @@ makes a distribution; its mode is the foot and its width the foot's own uncertai
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -58,27 +60,33 @@ _COLUMNS = 16
 
 # How a foot's place follows from masks and picture, fitted by likelihood to 259 things that the
 # shipped network found with its closer looks on rendered rides 400–423.
-SHADE_M = 0.13
+SHADE_M = 0.14
 """A thing's mask ends in its shadow, so far below it, metres of its height."""
 
-MASK_M = 0.125
+MASK_M = 0.135
 """Width of the distribution of feet about the masks', metres of height,"""
 
 MASK_CELLS = 0.67
 """and, added in squares, in the network's pixels."""
 
-ROW_WEIGHT = 0.044
+ROW_WEIGHT = 0.12
 """Worth of one row's verdict: neighbouring rows say nearly the same."""
 
-EDGE_WEIGHT = 0.13
-"""Worth of each grey level by which an edge is sharper than the ground's beside it,"""
+EDGE_WEIGHT = 1.5
+"""Worth of an edge that is sharper than the ground's beside it by once the scatter of all rows,"""
 
-EDGE_MOST = 60.0
-"""up to so many."""
+EDGE_LEAST, EDGE_MOST = -2.0, 5.0
+"""and between which multiples of it it counts."""
+
+STANDING_M, STANDING_STD_M, NOT_STANDING = 1.72, 0.12, 0.02
+"""Height of people, and how likely any other is: masks of people often end at the coat."""
+
+THING_DOWN_M, PERSON_DOWN_M = 0.45, 0.9
+"""So far below the masks' foot the true one is looked for, metres of height."""
 
 
 def refine_foot(
-    rgb: Image, labels: Image, finding: Finding, metre_px: float
+    rgb: Image, labels: Image, finding: Finding, metre_px: float, horizon_v: float
 ) -> tuple[float, float] | None:
     """Row of a finding's foot in the picture and its standard deviation, pixels.
 
@@ -87,43 +95,63 @@ def refine_foot(
         labels: Class ids from the coarse masks, at the picture's size, uint8 (H, W).
         finding: The thing with its coarse foot.
         metre_px: Pixels per metre across the track at the coarse foot, > 0.
+        horizon_v: Row of the horizon, above the coarse foot.
 
     Returns:
         The boundary between the thing's last row and the ground as ``foot_uv`` counts, and its
         deviation; None where the picture shows too little of thing or ground.
     """
-    left, top, right, bottom = finding.box_xyxy
+    box = finding.box_xyxy
     u, v = (float(value) for value in finding.foot_uv)
-    cell = rgb.shape[1] / 640.0
-    first, total, edge = _evidence(
-        rgb, labels, u, v, (left, top, right, bottom), float(metre_px), cell
+    cell, metre = rgb.shape[1] / 640.0, float(metre_px)
+    person = finding.type == "trespasser"
+    down_m, shade_m = (PERSON_DOWN_M, 0.0) if person else (THING_DOWN_M, SHADE_M)
+    row, std = _refined(
+        rgb, labels, (u, v), box, metre, cell, down_m, shade_m, person, float(horizon_v)
     )
-    if len(total) < 3:
-        return None
-    lower_m = 0.0 if finding.type == "trespasser" else SHADE_M
-    row, std = _likeliest(first, total, edge, v - lower_m * metre_px, float(metre_px), cell)
-    return float(row), float(std)
+    return None if math.isnan(row) else (row, std)
 
 
 @numba.njit(cache=True)
-def _likeliest(
-    first: int, total: Array, edge: Array, v: float, metre: float, cell: float
+def _refined(
+    rgb: Image,
+    labels: Image,
+    foot: tuple[float, float],
+    box: tuple[float, float, float, float],
+    metre: float,
+    cell: float,
+    down_m: float,
+    shade_m: float,
+    person: bool,
+    horizon: float,
 ) -> tuple[float, float]:
-    """The likeliest boundary and the root mean square distance of all from it, pixels."""
-    width = np.hypot(MASK_M * metre, MASK_CELLS * cell)
+    """The likeliest boundary and the root mean square distance of all from it, pixels; or NaN."""
+    u, v = foot
+    first, total, edge = _evidence(rgb, labels, u, v, box, metre, cell, down_m)
     count = len(total) - 2
+    if count < 1 or v <= horizon:
+        return np.nan, np.nan
+    width = math.hypot(MASK_M * metre, MASK_CELLS * cell)
+    typical = max(1.0, np.std(edge[1:-1]))
     log_p = np.empty(count)
     for i in range(count):
-        off = (first + i + 0.5 - v) / width
-        log_p[i] = -2.0 * np.log1p(off * off / 3.0)  # Student's t of three degrees: heavy tails
-        log_p[i] += ROW_WEIGHT * total[i + 1] + EDGE_WEIGHT * min(edge[i + 1], EDGE_MOST)
+        row = first + i + 0.5
+        off = (row - v + shade_m * metre) / width
+        log_p[i] = -2.0 * math.log1p(off * off / 3.0)  # Student's t of three degrees: heavy tails
+        log_p[i] += ROW_WEIGHT * total[i + 1]
+        log_p[i] += EDGE_WEIGHT * min(EDGE_MOST, max(EDGE_LEAST, edge[i + 1] / typical))
+        if person and box[1] >= 2.0:
+            tall = (row - box[1]) / (metre * max(0.1, (row - horizon) / (v - horizon)))
+            log_p[i] += math.log(
+                math.exp(-0.5 * ((tall - STANDING_M) / STANDING_STD_M) ** 2) + NOT_STANDING
+            )
     best = np.argmax(log_p)
     share, squared = 0.0, 0.0
     for i in range(count):
-        p = np.exp(log_p[i] - log_p[best])
+        p = math.exp(log_p[i] - log_p[best])
         share += p
         squared += p * (i - best) ** 2
-    return first + best + 0.5, np.sqrt(squared / share + 1.0 / 12.0)
+    return first + best + 0.5, math.sqrt(squared / share + 1.0 / 12.0)
 
 
 @numba.njit(cache=True)
@@ -135,6 +163,7 @@ def _evidence(
     box: tuple[float, float, float, float],
     metre: float,
     cell: float,
+    down: float,
 ) -> tuple[int, Array, Array]:
     """First row looked at; for a boundary above each row from there on, what speaks for it.
 
@@ -148,7 +177,7 @@ def _evidence(
     # A foot is rather cut off too high (shoes, shade) than too low.
     up = min(int(0.12 * metre + 2.0 * cell), int(0.5 * tall))
     first = max(2, int(v) - up)
-    last = min(rows - 3, int(v) + round(0.45 * metre + 3.0 * cell))
+    last = min(rows - 3, int(v) + round(down * metre + 3.0 * cell))
     half = max(min(0.25 * metre, 0.5 * (right - left)), 2.0)
     c0, c1 = max(1, round(u - half)), min(cols - 1, round(u + half) + 1)
     gap, beside = int(max(3.0, 0.12 * metre)), int(max(6.0, 0.6 * metre))
