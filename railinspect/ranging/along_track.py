@@ -29,6 +29,9 @@ Image = npt.NDArray[np.uint8]
 COARSE_PX = 1000
 """From this width on the shipped network's masks are coarser than the picture, pixels."""
 
+_LOOKED_AT = 500
+"""Pixels of a thing that tell its class."""
+
 
 @dataclass(frozen=True)
 class RangingSettings:
@@ -61,7 +64,7 @@ class RangingSettings:
     foot_std_px: float = 0.8
     foot_mask_m: float = 0.20
     wheels_m: float = 0.08
-    foot_picture_m: float = 0.03
+    foot_picture_m: float = 0.06
     foot_along_m: float = 0.08
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
@@ -78,6 +81,9 @@ class RangingSettings:
         pixel = 640.0 / width_px
         return RangingSettings(
             foot_std_px=pixel / math.sqrt(12.0),
+            foot_mask_m=0.0,
+            wheels_m=0.0,
+            foot_picture_m=0.0,
             extent_std_px=pixel,
             least_spacing_px=3.5 * pixel,
             scale=ScaleSettings(spacing_std_px=0.58 * pixel),
@@ -192,12 +198,12 @@ class FrameRanging:
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
-            level, level_std = self._level(finding, metre)
+            level, level_std = self._level(finding, kind, metre)
         plane = self._by_plane(plane_m, level, level_std, foot_std_px)
         gauge = self._by_gauge(finding, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
-        size = None if gauge is None else self._by_size(finding)
+        size = None if gauge is None else self._by_size(finding, kind)
         return [e for e in (gauge, plane, size) if e is not None]
 
     def _row_in_picture(
@@ -278,9 +284,10 @@ class FrameRanging:
             },
         )
 
-    def _by_size(self, finding: Finding) -> Estimate | None:
+    def _by_size(self, finding: Finding, kind: int) -> Estimate | None:
         """What is known of the thing's size."""
-        kind = HUMAN if finding.type == "trespasser" else self._class_of(finding)
+        if finding.type == "trespasser":
+            kind = HUMAN
         known = KNOWN_SIZES.get(kind) if finding.type != "distortion" else None
         if known is None:
             return None
@@ -303,7 +310,7 @@ class FrameRanging:
             opinion=True,
         )
 
-    def _level(self, finding: Finding, metre_px: float) -> tuple[float, float]:
+    def _level(self, finding: Finding, kind: int, metre_px: float) -> tuple[float, float]:
         """Height of what the thing stands on against the rail tops, and its deviation, metres."""
         if self._settings.stands_on_m is not None:
             return self._settings.stands_on_m, 0.0
@@ -314,7 +321,7 @@ class FrameRanging:
             return level, level_std
         left, top, right, bottom = (round(value) for value in finding.box_xyxy)
         # A trunk or a pole longer than the gauge may lie across the rails.
-        wide, kind = right - left + 1, self._class_of(finding)
+        wide = right - left + 1
         if wide <= self._given.rail_spacing_m * metre_px or kind in WHEELED:
             return level, level_std
         if wide < 3.0 * thickness(self._labels, kind, (left, top, right, bottom)):
@@ -328,9 +335,9 @@ class FrameRanging:
         left, top, right, bottom = (round(value) for value in finding.box_xyxy)
         height, width = self._labels.shape
         left, right = max(0, left), min(width, right + 1)
-        count = class_counts(
-            self._labels, max(0, (top + bottom) // 2), min(height, bottom + 1), left, right
-        )
+        first, last = max(0, (top + bottom) // 2), min(height, bottom + 1)
+        step = max(1, math.isqrt(max(0, (last - first) * (right - left)) // _LOOKED_AT))
+        count = class_counts(self._labels, first, last, left, right, step)
         return int(count.argmax()) if count.any() else -1
 
 

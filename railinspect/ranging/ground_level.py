@@ -70,12 +70,15 @@ def ground_level(
 
 @numba.njit(cache=True)
 def class_counts(
-    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int
+    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int, step: int = 1
 ) -> npt.NDArray[np.int64]:
-    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,)."""
+    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,).
+
+    Of every ``step``-th row and column.
+    """
     count = np.zeros(256, np.int64)
-    for v in range(top, bottom):
-        for u in range(left, right):
+    for v in range(top, bottom, step):
+        for u in range(left, right, step):
             count[labels[v, u]] += 1
     return count
 
