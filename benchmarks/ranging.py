@@ -4,8 +4,7 @@ Rendered rides of 1920×1080 with a focal length of 3000 px, 2.5 m above the rai
 (``--bundle`` adds the shipped network with its closer look); rendered stereo pairs; a ride that
 calibrates its own camera; the rolling-shutter sensor; closing speed from one second of video; time
 per finding as processor time. Frames are chosen so that each planted thing is seen from three of
-six distances. The error model was set on rides 101–109, 140, 141, 201 and 202; figures
-are stated on others.
+six distances. The error model was set on rides 400–423; figures are stated on others.
 ``--parts`` runs some of it; the defaults fit into ten minutes on two quiet cores.
 """
 

@@ -184,8 +184,7 @@ class FrameRanging:
         kind = self._class_of(finding)
         if self._labels is not None and kind in WHEELED:
             row = wheels_row(self._labels, kind, finding, metre)
-            finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
-            plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+            finding, plane_m = self._moved(finding, row, plane_m)
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
             seen = self._row_in_picture(finding, kind, metre)
             if seen is None:
@@ -193,8 +192,7 @@ class FrameRanging:
                 foot_std_px = math.hypot(foot_std_px, mask_m * metre)
             else:
                 foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
-                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], seen[0]]))
-                plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+                finding, plane_m = self._moved(finding, seen[0], plane_m)
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
@@ -205,6 +203,15 @@ class FrameRanging:
         # smaller and so farther than it is.
         size = None if gauge is None else self._by_size(finding, kind)
         return [e for e in (gauge, plane, size) if e is not None]
+
+    def _moved(self, finding: Finding, row: float, plane_m: float) -> tuple[Finding, float]:
+        """The finding with its foot in another row, and its distance on the plane, metres."""
+        u, v = (float(value) for value in finding.foot_uv)
+        if row == v:
+            return finding, plane_m
+        horizon = self._track.camera.horizon_v(u)
+        moved = replace(finding, foot_uv=np.array([u, row]))
+        return moved, plane_m * (v - horizon) / max(1.0, row - horizon)
 
     def _row_in_picture(
         self, finding: Finding, kind: int, metre_px: float
