@@ -28,8 +28,11 @@ def car(foot_v: float) -> tuple[np.ndarray, Finding]:
 
 
 @pytest.mark.parametrize("foot_v", [249.5, 256.0])
-def test_the_wheels_are_lower_than_the_body(foot_v: float) -> None:
+@pytest.mark.parametrize("seen", [slice(0, 280), slice(280, 600)])
+def test_the_wheels_are_lower_than_the_body(foot_v: float, seen: slice) -> None:
     masks, finding = car(foot_v)
+    other = slice(280, 600) if seen.start == 0 else slice(0, 280)
+    masks[250:, other] = labels.TRACKBED
     assert wheels_row(masks, labels.CAR, finding, METRE_PX) == 264.5
 
 
