@@ -223,7 +223,7 @@ def _add_inspect(commands: Any) -> None:
     parser.add_argument(
         "--closer-look",
         action="store_true",
-        help="run the network a second time on the middle of pictures 1000 pixels wide or wider; "
+        help="run the network again on the middle of pictures 1000 pixels wide or wider; "
         "needs --camera",
     )
     parser.add_argument(

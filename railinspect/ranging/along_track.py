@@ -14,11 +14,12 @@ from railinspect.findings import Finding, place_on_track
 from railinspect.labels import HUMAN
 from railinspect.ranging.foot import refine_foot
 from railinspect.ranging.fusion import Absent, Estimate, Range, combine
-from railinspect.ranging.ground_level import class_counts, ground_level
+from railinspect.ranging.ground_level import BED_STD_M, class_counts, ground_level, thickness
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
 from railinspect.ranging.stereo_view import StereoView
 from railinspect.ranging.track_scale import ScaleSettings, TrackScale, fit_scale
+from railinspect.ranging.wheels import wheels_row
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 from railinspect.track.level import Level
 
@@ -27,6 +28,9 @@ Image = npt.NDArray[np.uint8]
 
 COARSE_PX = 1000
 """From this width on the shipped network's masks are coarser than the picture, pixels."""
+
+_LOOKED_AT = 500
+"""Pixels of a thing that tell its class."""
 
 
 @dataclass(frozen=True)
@@ -39,12 +43,16 @@ class RangingSettings:
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
-        foot_seen_px: The same where the picture is finer than the masks and shows the foot,
-        foot_unseen_px: and where it is finer but does not: shadows and shins are taken for it.
+        foot_mask_m: The same of a foot where the picture is finer than the masks and does not show
+            it, metres of the thing's height: shadows and shins are taken for it.
+        wheels_m: The same of a vehicle's wheels.
+        foot_picture_m: What a foot that the picture shows is off besides its own uncertainty.
         foot_along_m: Standard deviation of where along the track the visible foot lies against
             the thing's near end: a stride, a slanting log, a rounded stone.
         stands_on_m: Height of what all things stand on against the rail tops, metres, where that
             is known; None judges it by what surrounds each foot.
+        bed_std_m: Standard deviation of the bed's height against the rail tops, metres; 0 where
+            the line's rails are known.
         extent_std_px: Standard deviation of a thing's height or width.
         scale: What the fit of the track's scale expects.
         gradient_std: Standard deviation of the gradient at the camera against the plane assumed.
@@ -54,10 +62,12 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
-    foot_seen_px: float = 1.2
-    foot_unseen_px: float = 2.5
-    foot_along_m: float = 0.07
+    foot_mask_m: float = 0.20
+    wheels_m: float = 0.08
+    foot_picture_m: float = 0.06
+    foot_along_m: float = 0.08
     stands_on_m: float | None = None
+    bed_std_m: float = BED_STD_M
     extent_std_px: float = 1.5
     scale: ScaleSettings = ScaleSettings()  # noqa: RUF009  # frozen
     gradient_std: float = GRADIENT_STD
@@ -70,10 +80,13 @@ class RangingSettings:
         """For masks that are true to the pixel at the image's own width."""
         pixel = 640.0 / width_px
         return RangingSettings(
-            foot_std_px=0.45 * pixel,
+            foot_std_px=pixel / math.sqrt(12.0),
+            foot_mask_m=0.0,
+            wheels_m=0.0,
+            foot_picture_m=0.0,
             extent_std_px=pixel,
             least_spacing_px=3.5 * pixel,
-            scale=ScaleSettings(spacing_std_px=0.5 * pixel),
+            scale=ScaleSettings(spacing_std_px=0.58 * pixel),
         )
 
 
@@ -168,30 +181,48 @@ class FrameRanging:
             )
         metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
         foot_std_px = settings.foot_std_px * px
+        kind = self._class_of(finding)
+        if self._labels is not None and kind in WHEELED:
+            row = wheels_row(self._labels, kind, finding, metre)
+            finding, plane_m = self._moved(finding, row, plane_m)
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
-            row = self._row_in_picture(finding, metre)
-            foot_std_px = (settings.foot_unseen_px if row is None else settings.foot_seen_px) * px
-            if row is not None:
-                finding = replace(finding, foot_uv=np.array([finding.foot_uv[0], row]))
-                plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+            seen = self._row_in_picture(finding, kind, metre)
+            if seen is None:
+                mask_m = settings.wheels_m if kind in WHEELED else settings.foot_mask_m
+                foot_std_px = math.hypot(foot_std_px, mask_m * metre)
+            else:
+                foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
+                finding, plane_m = self._moved(finding, seen[0], plane_m)
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
-            level, level_std = self._level(finding, metre)
+            level, level_std = self._level(finding, kind, metre)
         plane = self._by_plane(plane_m, level, level_std, foot_std_px)
         gauge = self._by_gauge(finding, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
-        size = None if gauge is None else self._by_size(finding)
+        size = None if gauge is None else self._by_size(finding, kind)
         return [e for e in (gauge, plane, size) if e is not None]
 
-    def _row_in_picture(self, finding: Finding, metre_px: float) -> float | None:
-        """Row of the foot as the picture shows it; None where it does not."""
+    def _moved(self, finding: Finding, row: float, plane_m: float) -> tuple[Finding, float]:
+        """The finding with its foot in another row, and its distance on the plane, metres."""
+        u, v = (float(value) for value in finding.foot_uv)
+        if row == v:
+            return finding, plane_m
+        horizon = self._track.camera.horizon_v(u)
+        moved = replace(finding, foot_uv=np.array([u, row]))
+        return moved, plane_m * (v - horizon) / max(1.0, row - horizon)
+
+    def _row_in_picture(
+        self, finding: Finding, kind: int, metre_px: float
+    ) -> tuple[float, float] | None:
+        """Row of the foot as the picture shows it and its deviation; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
-        if self._class_of(finding) in WHEELED:
+        if kind in WHEELED:
             return None  # between the wheels the body ends above the ground
-        return refine_foot(self._rgb, self._labels, finding, metre_px)
+        horizon = self._track.camera.horizon_v(float(finding.foot_uv[0]))
+        return refine_foot(self._rgb, self._labels, finding, metre_px, horizon)
 
     def _by_stereo(self, finding: Finding) -> Estimate | None:
         """The pair's range of the thing, brought from the viewing axis onto the track."""
@@ -260,9 +291,10 @@ class FrameRanging:
             },
         )
 
-    def _by_size(self, finding: Finding) -> Estimate | None:
+    def _by_size(self, finding: Finding, kind: int) -> Estimate | None:
         """What is known of the thing's size."""
-        kind = HUMAN if finding.type == "trespasser" else self._class_of(finding)
+        if finding.type == "trespasser":
+            kind = HUMAN
         known = KNOWN_SIZES.get(kind) if finding.type != "distortion" else None
         if known is None:
             return None
@@ -282,20 +314,24 @@ class FrameRanging:
                 "size": known.std_m / known.size_m,
                 "focal": self._given.std.focal_px / self._given.focal_px,
             },
+            opinion=True,
         )
 
-    def _level(self, finding: Finding, metre_px: float) -> tuple[float, float]:
+    def _level(self, finding: Finding, kind: int, metre_px: float) -> tuple[float, float]:
         """Height of what the thing stands on against the rail tops, and its deviation, metres."""
         if self._settings.stands_on_m is not None:
             return self._settings.stands_on_m, 0.0
-        level, level_std = ground_level(self._labels, finding.foot_uv, metre_px)
+        level, level_std = ground_level(
+            self._labels, finding.foot_uv, metre_px, self._settings.bed_std_m
+        )
         if self._labels is None:
             return level, level_std
-        left, top, right, bottom = finding.box_xyxy
-        # A trunk or a pole longer than the gauge may lie across the rails; branches stand up from
-        # it.
-        bar = right - left > max(self._given.rail_spacing_m * metre_px, 2.0 * (bottom - top))
-        if not bar or self._class_of(finding) in WHEELED:
+        left, top, right, bottom = (round(value) for value in finding.box_xyxy)
+        # A trunk or a pole longer than the gauge may lie across the rails.
+        wide = right - left + 1
+        if wide <= self._given.rail_spacing_m * metre_px or kind in WHEELED:
+            return level, level_std
+        if wide < 3.0 * thickness(self._labels, kind, (left, top, right, bottom)):
             return level, level_std
         return 0.5 * level, math.hypot(level_std, 0.3 * level)
 
@@ -306,9 +342,9 @@ class FrameRanging:
         left, top, right, bottom = (round(value) for value in finding.box_xyxy)
         height, width = self._labels.shape
         left, right = max(0, left), min(width, right + 1)
-        count = class_counts(
-            self._labels, max(0, (top + bottom) // 2), min(height, bottom + 1), left, right
-        )
+        first, last = max(0, (top + bottom) // 2), min(height, bottom + 1)
+        step = max(1, math.isqrt(max(0, (last - first) * (right - left)) // _LOOKED_AT))
+        count = class_counts(self._labels, first, last, left, right, step)
         return int(count.argmax()) if count.any() else -1
 
 

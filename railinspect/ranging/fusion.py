@@ -79,12 +79,15 @@ class Estimate:
         errors: Noise: relative standard deviation by cause; the sign is that of its effect, so
             that a cause that lengthens one estimate and shortens another is counted as such.
         biases: The same for causes that stay the same from frame to frame.
+        opinion: It rests on what such things usually are and not on this one: where it disagrees
+            it says that this one is unusual, and neither moves nor widens the result.
     """
 
     method: str
     range_m: float
     errors: Mapping[str, float]
     biases: Mapping[str, float] = field(default_factory=dict)
+    opinion: bool = False
 
     @property
     def rel(self) -> float:
@@ -109,10 +112,14 @@ def combine(estimates: Sequence[Estimate]) -> Range:
         >>> round(both.std_m, 3), round(both.bias_m, 3)  # √(0.1²/2 + 0.05²) of 100 m
         (8.66, 5.0)
     """
-    noise = _covariance([e.errors for e in estimates])
-    bias = _covariance([e.biases for e in estimates])
     log_range = np.array([math.log(e.range_m) for e in estimates])
-    weight, mean, variance, noise_part, bias_part, agrees = _weighed(noise, bias, log_range)
+    opinion = np.array([e.opinion for e in estimates])
+    weight, mean, variance, noise_part, bias_part, agrees = _weighed(
+        _loadings([e.errors for e in estimates]),
+        _loadings([e.biases for e in estimates]),
+        log_range,
+        opinion,
+    )
     sigma = math.sqrt(variance)
     range_m = math.exp(mean)
     return Range(
@@ -134,26 +141,37 @@ def interval(range_m: float, rel: float) -> tuple[float, float]:
     return range_m * math.exp(-Z95 * rel), range_m * math.exp(Z95 * rel)
 
 
-def _covariance(errors: Sequence[Mapping[str, float]]) -> Array:
-    return np.array(
-        [
-            [sum(rel * b.get(cause, 0.0) for cause, rel in a.items()) for b in errors]
-            for a in errors
-        ],
-        float,
-    )
+def _loadings(errors: Sequence[Mapping[str, float]]) -> Array:
+    """Relative errors by estimate and cause, shape (N, causes)."""
+    causes = dict.fromkeys(cause for one in errors for cause in one)
+    return np.array([[one.get(cause, 0.0) for cause in causes] for one in errors], float)
 
 
 @numba.njit(cache=True)
 def _weighed(
-    noise: Array, bias: Array, log_range: Array
+    noise_by_cause: Array,
+    bias_by_cause: Array,
+    log_range: Array,
+    opinion: npt.NDArray[np.bool_],
 ) -> tuple[Array, float, float, float, float, npt.NDArray[np.bool_]]:
     """Weights, mean, its variance, the shares of noise and bias in it, and which agree."""
+    noise = noise_by_cause @ noise_by_cause.T
+    bias = bias_by_cause @ bias_by_cause.T
     covariance = noise + bias
-    weight = _weights(covariance)
+    own = np.diag(covariance)
+    kept = np.flatnonzero(~opinion)
+    if 0 < len(kept) < len(opinion):
+        weight = _weights(covariance, kept)
+        mean = (weight * log_range).sum()
+        shared = (covariance * weight).sum(axis=1)
+        apart = own - 2.0 * shared + (weight * shared).sum()
+        near = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(np.maximum(apart, 1e-12))
+        kept = np.flatnonzero(~opinion | near)
+    else:
+        kept = np.arange(len(opinion))
+    weight = _weights(covariance, kept)
     mean = (weight * log_range).sum()
     shared = (covariance * weight).sum(axis=1)
-    own = np.diag(covariance)
     variance = (weight * shared).sum()
     # Instruments that disagree by more than their errors allow: widen to cover it.
     spread = (weight * (log_range - mean) ** 2).sum()
@@ -166,10 +184,12 @@ def _weighed(
 
 
 @numba.njit(cache=True)
-def _weights(covariance: Array) -> Array:
-    """Minimum-variance weights within 0 and 1: the most negative is dropped until none is."""
+def _weights(covariance: Array, kept: npt.NDArray[np.intp]) -> Array:
+    """Minimum-variance weights within 0 and 1 of those that are kept.
+
+    The most negative is dropped until none is.
+    """
     count = len(covariance)
-    kept = np.arange(count)
     while True:
         size = len(kept)
         part = np.empty((size, size))

@@ -17,10 +17,13 @@ from railinspect.labels import (
     TRAM_TRACK,
 )
 
-BED_M = -0.17
-"""Height of sleepers and ballast against the rail tops, metres: a 60E1 rail is 172 mm high."""
+BED_M = -0.18
+"""Height of sleepers and ballast against the rail tops, metres: a 60E1 rail is 172 mm high and lies
+on a pad of 7 to 10 mm."""
 
 BED_STD_M = 0.010
+"""Rails of other sections: 49E1 is 149 mm high."""
+
 SURFACE_STD_M = 0.012
 UNSEEN = (-0.15, 0.06)
 """Height and standard deviation where what surrounds the foot is not known, metres."""
@@ -30,7 +33,10 @@ _BED = np.array([TRACKBED, TERRAIN, RAIL_RAISED, RAIL_TRACK])
 
 
 def ground_level(
-    labels: npt.NDArray[np.uint8] | None, foot_uv: npt.NDArray[np.float64], metre_px: float
+    labels: npt.NDArray[np.uint8] | None,
+    foot_uv: npt.NDArray[np.float64],
+    metre_px: float,
+    bed_std_m: float = BED_STD_M,
 ) -> tuple[float, float]:
     """Height of the ground at a foot against the rail tops, and its standard deviation, metres.
 
@@ -38,6 +44,7 @@ def ground_level(
         labels: Class ids, shape (H, W); None where there is no segmentation.
         foot_uv: Foot, input pixels, shape (2,).
         metre_px: Pixels per metre across the track at the foot.
+        bed_std_m: Standard deviation of the bed's height, metres.
     """
     if labels is None:
         return UNSEEN
@@ -57,17 +64,50 @@ def ground_level(
     if share >= 0.75:
         return 0.0, SURFACE_STD_M
     if share <= 0.25:
-        return BED_M, BED_STD_M
+        return BED_M, bed_std_m
     return 0.5 * BED_M, 0.5 * abs(BED_M)
 
 
 @numba.njit(cache=True)
 def class_counts(
-    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int
+    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int, step: int = 1
 ) -> npt.NDArray[np.int64]:
-    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,)."""
+    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,).
+
+    Of every ``step``-th row and column.
+    """
     count = np.zeros(256, np.int64)
-    for v in range(top, bottom):
-        for u in range(left, right):
+    for v in range(top, bottom, step):
+        for u in range(left, right, step):
             count[labels[v, u]] += 1
     return count
+
+
+@numba.njit(cache=True)
+def thickness(
+    labels: npt.NDArray[np.uint8], kind: int, box_xyxy: tuple[int, int, int, int]
+) -> float:
+    """How far a thing stands up from its lower edge, as a median over its columns, pixels.
+
+    Branches that stand up from a trunk, or a wall that it joins in the picture, are not the trunk.
+
+    Args:
+        labels: Class ids, shape (H, W).
+        kind: Its class.
+        box_xyxy: Its box, pixels, ends included.
+    """
+    height, width = labels.shape
+    left, top, right, bottom = box_xyxy
+    runs = np.empty(max(0, right - left + 1))
+    count = 0
+    for u in range(max(0, left), min(width, right + 1)):
+        v = min(height - 1, bottom)
+        while v > max(0, top) and labels[v, u] != kind:
+            v -= 1
+        run = 0
+        while v >= max(0, top) and labels[v, u] == kind:
+            run, v = run + 1, v - 1
+        if run > 0:
+            runs[count] = run
+            count += 1
+    return np.median(runs[:count]) if count else np.inf

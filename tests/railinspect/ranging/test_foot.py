@@ -18,6 +18,7 @@ from railinspect.track import TrackFollower
 
 LAST_ROW = 600
 METRE_PX = 60.0
+HORIZON_V = 440.0
 BOX = (900, 520, 960, LAST_ROW)
 
 
@@ -57,19 +58,44 @@ def coarse(bottom: int) -> tuple[np.ndarray, Finding]:
 @pytest.mark.parametrize("colour", [(200, 40, 30), (60, 90, 160), (235, 235, 230)])
 def test_the_foot_is_where_the_thing_ends(colour: tuple[int, int, int], off: int) -> None:
     masks, finding = coarse(LAST_ROW + off)
-    row = refine_foot(picture(colour), masks, finding, METRE_PX)
+    found = refine_foot(picture(colour), masks, finding, METRE_PX, HORIZON_V)
+    assert found is not None
+    row, std_px = found
     assert row == pytest.approx(LAST_ROW + 0.5, abs=1.01)
+    assert 0.25 < std_px < 6.0
 
 
-def test_what_looks_like_the_ground_has_no_foot_in_the_picture() -> None:
-    masks, finding = coarse(LAST_ROW + 6)
-    assert refine_foot(noisy(ballast()), masks, finding, METRE_PX) is None
+def test_what_looks_like_the_ground_leaves_the_foot_open() -> None:
+    masks, finding = coarse(LAST_ROW)
+    clear = refine_foot(picture((200, 40, 30)), masks, finding, METRE_PX, HORIZON_V)
+    alike = refine_foot(noisy(ballast()), masks, finding, METRE_PX, HORIZON_V)
+    assert clear is not None
+    assert alike is not None
+    assert alike[1] > 2.0 * clear[1]
+
+
+def test_people_whose_legs_the_masks_miss_stand_lower() -> None:
+    # The mask ends 1.3 m below the head; the trousers are a little darker than the coat.
+    masks, finding = coarse(LAST_ROW)
+    rgb = picture((200, 40, 30))
+    legs = LAST_ROW + 52  # 1.67 m below the head, in metres of that row
+    rgb[LAST_ROW : legs + 1, 915:946] = (178, 34, 26)
+    person = dataclasses.replace(finding, type="trespasser")
+    found = refine_foot(rgb, masks, person, METRE_PX, HORIZON_V)
+    assert found is not None
+    assert found[0] == pytest.approx(legs + 0.5, abs=1.01)
+    # Where the picture shows nothing, people are as tall as people are.
+    blind = refine_foot(noisy(ballast()), masks, person, METRE_PX, HORIZON_V)
+    thing = refine_foot(noisy(ballast()), masks, finding, METRE_PX, HORIZON_V)
+    assert blind is not None
+    assert thing is not None
+    assert thing[0] < LAST_ROW + 10 < LAST_ROW + 20 < blind[0]
 
 
 def test_a_thing_at_the_edge_of_the_picture_is_left_as_it_is() -> None:
     masks, finding = coarse(LAST_ROW)
     low = dataclasses.replace(finding, foot_uv=np.array([930.0, 1079.5]))
-    assert refine_foot(picture((200, 40, 30)), masks, low, METRE_PX) is None
+    assert refine_foot(picture((200, 40, 30)), masks, low, METRE_PX, HORIZON_V) is None
 
 
 def test_ranges_take_the_row_from_the_picture() -> None:

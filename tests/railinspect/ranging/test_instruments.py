@@ -139,6 +139,19 @@ def test_opposed_signs_cancel() -> None:
     assert found.std_m == pytest.approx(100 * 0.01 / math.sqrt(2))
 
 
+def test_a_usual_size_that_does_not_fit_is_left_out() -> None:
+    rails = Estimate("gauge", 100.0, {"row": 0.01})
+    sits = Estimate("height", 160.0, {"extent": 0.02}, {"size": 0.1}, opinion=True)
+    stands = Estimate("height", 104.0, {"extent": 0.02}, {"size": 0.1}, opinion=True)
+    alone, odd, usual = combine([rails]), combine([rails, sits]), combine([rails, stands])
+    assert (odd.range_m, odd.std_m, odd.method) == (alone.range_m, alone.std_m, "gauge")
+    assert not odd.readings[1].agrees
+    assert alone.range_m < usual.range_m < 101.0
+    assert usual.readings[1].agrees
+    by_itself = combine([sits])
+    assert by_itself.range_m == pytest.approx(160.0)
+
+
 def test_disagreement_widens() -> None:
     calm = combine([Estimate("a", 100.0, {"a": 0.01}), Estimate("b", 100.0, {"b": 0.01})])
     torn = combine([Estimate("a", 100.0, {"a": 0.01}), Estimate("b", 130.0, {"b": 0.01})])
