@@ -313,6 +313,11 @@ def _innermost(
     return min(least, abs(float(lateral[lowest]) + aside))
 
 
+def _sureness(confidence: npt.NDArray[np.uint8]) -> float:
+    """How sure the segmentation is of a body, 0…1, from its pixels."""
+    return float(confidence.mean()) / 255
+
+
 def _behind_crest(
     segmentation: SegmentationLike,
     inside: Array,
@@ -402,7 +407,7 @@ def _judge(
     cut_off = base >= region.shape[0] - 2  # by the image's bottom: its height is not known
     if name in _VEHICLES and height_m < limits.vehicle_m and not cut_off:
         return None
-    sure = float(segmentation.confidence[top : base + 1, first : last + 1][body].mean()) / 255
+    sure = _sureness(segmentation.confidence[top : base + 1, first : last + 1][body])
     if sure < min(limits.least_doubt, limits.least_confidence):
         return None
     doubt = None if sure >= limits.least_confidence else f"only {100 * sure:.0f} % sure"
