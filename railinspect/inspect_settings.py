@@ -24,7 +24,8 @@ class InspectSettings:
         speed_log: The train's speed over media time, in place of ``train``'s own; fits one input.
         speed_is_known: False where the train's speed is an assumption.
         policy: Margins and thresholds of the decision.
-        thresholds: Limits above which a deviation is a finding.
+        thresholds: Limits above which a deviation is a finding; a single image uses their
+            ``still()``.
         events: When findings become an event; a single image uses ``EventSettings.still()``.
         folder_rate_hz: Frames per second of image folders; None as in ``open_source``.
         topic: Topic of a bag's pictures; None takes the only one there is.
@@ -60,7 +61,7 @@ class InspectSettings:
             self.camera,
             self.train,
             self.policy,
-            thresholds=self.thresholds,
+            thresholds=self.thresholds.still() if kind == "image" else self.thresholds,
             event_settings=EventSettings.still() if kind == "image" else self.events,
             speed_log=self.speed_log,
             speed_is_known=self.speed_is_known,

@@ -509,10 +509,18 @@ def inspect_video(
         BadInputError: if the input cannot be read.
     """
     source = open_source(path, folder_rate_hz)
-    settings = EventSettings.still() if source.kind == "image" else EventSettings()
+    still = source.kind == "image"
+    settings = EventSettings.still() if still else EventSettings()
+    thresholds = Thresholds().still() if still else Thresholds()
     segment = segmenter if segmenter is not None else Segmenter.default()
     inspector = Inspector(
-        segment, camera, train, policy, event_settings=settings, speed_log=speed_log
+        segment,
+        camera,
+        train,
+        policy,
+        thresholds=thresholds,
+        event_settings=settings,
+        speed_log=speed_log,
     )
     return _records(segmented_frames(source, segment), inspector)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from railinspect.labels import (
     CAR,
@@ -145,3 +145,7 @@ class Thresholds:
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0
     gap_contrast: float = 0.6
+
+    def still(self) -> Thresholds:
+        """For a single picture: no second one can make sure, so what is doubtful is a finding."""
+        return replace(self, least_confidence=min(self.least_confidence, self.least_doubt))

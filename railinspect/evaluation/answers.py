@@ -16,6 +16,7 @@ from railinspect.event_candidate import TYPE_WEIGHT
 from railinspect.findings import find
 from railinspect.labels import RAILS
 from railinspect.segmenter import Segmentation
+from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower
 from railinspect.track.geometry import SegmentationLike
 
@@ -34,7 +35,7 @@ class Answer:
         said: The type of the strongest finding (a distortion's confidence counts half, as in
             events: an obstruction explains a distorted rail and not the other way round), or
             "clear", or "unknown" where the rails could not be followed or nothing but a doubtful
-            finding speaks against a clear track.
+            finding, a wall behind a crest, speaks against a clear track.
         boxes: Type and box of every sure finding, input pixels.
         reason: Evidence of the strongest finding, or why the answer is unknown.
         time_ms: Processor time of this answer after the segmentation, milliseconds.
@@ -66,7 +67,7 @@ def inspect_still(segmentation: SegmentationLike, camera: Camera | None = None) 
     """
     began = time.process_time()
     track = TrackFollower(camera).update(segmentation)
-    found = find(segmentation, track)
+    found = find(segmentation, track, Thresholds().still())
     time_ms = 1e3 * (time.process_time() - began)
     rails = (track.left_uv, track.right_uv)
     findings = [f for f in found if f.doubt is None]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from railinspect.evaluation.answers import inspect_still
 from railinspect.events import EventSettings, Sighting
 from railinspect.findings import find
+from railinspect.inspect_settings import InspectSettings
 from railinspect.labels import HUMAN
-from railinspect.pipeline import Inspector
+from railinspect.pipeline import Inspector, inspect_video
 from railinspect.suspicion import Suspicions
 from railinspect.track import TrackFollower
 from railinspect.video import Frame
@@ -38,10 +40,8 @@ def sees_people(confidence_at):
     return segment
 
 
-def statuses(confidence_at, pictures, settings=None):
-    inspector = Inspector(
-        sees_people(confidence_at), CAMERA, Train(speed_mps=SPEED_MPS), event_settings=settings
-    )
+def statuses(confidence_at, pictures):
+    inspector = Inspector(sees_people(confidence_at), CAMERA, Train(speed_mps=SPEED_MPS))
     records = [inspector(Frame(i, i / 12.5, rgb)) for i, rgb in enumerate(pictures)]
     return records, inspector.finish()
 
@@ -57,12 +57,20 @@ def test_a_doubtful_person_is_no_finding_and_the_frame_is_not_clear():
     assert all(record.advice is not None for record in ahead)
 
 
-def test_one_doubtful_frame_of_a_video_is_no_suspicion_but_a_still_is():
+def test_one_doubtful_frame_of_a_video_is_no_suspicion_but_a_still_has_a_finding(tmp_path):
     once = [paint()] * 5 + [paint([20.0])] + [paint()] * 5
     records, _ = statuses(lambda _: DOUBTFUL, once)
     assert {record.status for record in records} == {"clear"}
-    (still,), _ = statuses(lambda _: DOUBTFUL, [paint([20.0])], EventSettings.still())
-    assert still.status == "unknown"
+    path = tmp_path / "still.png"
+    cv2.imwrite(str(path), paint([20.0])[..., ::-1])
+    for record in (
+        next(inspect_video(path, sees_people(lambda _: DOUBTFUL), CAMERA)),
+        InspectSettings(CAMERA)
+        .inspector(sees_people(lambda _: DOUBTFUL), "image")
+        .feed(Frame(0, 0.0, paint([20.0]))),
+    ):
+        assert record.status == "finding"
+        assert [found.finding.type for found in record.findings] == ["trespasser"]
 
 
 def test_what_the_segmentation_hardly_believes_is_nothing():
@@ -83,15 +91,14 @@ def test_a_person_lost_before_the_train_is_there_is_unknown_and_passed_is_clear(
     assert passed[-1].status == "clear"  # it went out of sight below: that is not lost
 
 
-def test_doubtful_findings_are_marked_and_stills_are_judged_unknown():
+def test_doubtful_findings_are_marked_and_a_still_names_them():
     segment = sees_people(lambda _: DOUBTFUL)
     masks = segment(paint([20.0]))
     (found,) = find(masks, TrackFollower(CAMERA).update(masks))
     assert found.doubt == "only 58 % sure"
-    answer = inspect_still(masks, CAMERA)
-    assert answer.said == "unknown"
-    assert "only 58 % sure" in answer.reason
-    assert answer.boxes == ()
+    assert inspect_still(masks, CAMERA).said == "trespasser"
+    too_little = sees_people(lambda _: TOO_LITTLE)(paint([20.0]))
+    assert inspect_still(too_little, CAMERA).said == "clear"
 
 
 def test_a_sure_body_beside_a_doubtful_one_stays_as_it_is():
