@@ -197,7 +197,7 @@ class Inspector:
             self._seen_speed_mps(frame, track),
         )
         update = self._events.update(frame.index, frame.time_s, sightings[: len(findings)], *motion)
-        why = tuple(f"{f.evidence}, {f.doubt}" if f.doubt else None for f in seen)
+        why = tuple(f"{f.type}, {f.doubt}" if f.doubt else None for f in seen)
         suspicion = self._suspicions.update(frame.index, frame.time_s, sightings, why, *motion)
         ranges, reasons = ranges[: len(findings)], reasons[: len(findings)]
         self._ended.extend(map(self._looked_back, update.ended))

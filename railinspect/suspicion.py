@@ -41,7 +41,7 @@ class Suspicions:
             frame_index: Index of the frame, rising.
             time_s: Its media time, seconds, rising.
             sightings: Its findings, sure and doubtful ones.
-            why: For each doubtful one what was measured and what is doubtful; None for sure ones.
+            why: For each doubtful one what it may be and why it may not; None for sure ones.
             ego_speed_mps: The train's speed, m/s, >= 0; None if unknown.
             vanishing_uv: Vanishing point of the track, pixels; None if unknown.
             seen_speed_mps: The speed as the picture shows it, m/s; None if unknown.

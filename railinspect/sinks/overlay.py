@@ -58,7 +58,7 @@ def draw_overlay(rgb: Image, record: FrameRecord) -> Image:
     picture = rgb.copy()
     scale = max(min(rgb.shape[0], rgb.shape[1]) / 480, 0.75)
     thin = max(round(1.2 * scale), 1)
-    if record.status != "unknown":
+    if record.followed or record.status != "unknown":  # rails may be sure and the track not clear
         if len(record.roi_uv) > 2:
             _lines(picture, record.roi_uv, _ROI, thin, closed=True)
         for rail in (record.left_uv, record.right_uv):
@@ -145,16 +145,17 @@ def _draw_banner(picture: Image, record: FrameRecord, scale: float) -> None:
 
     write(f"{clock(record.time_s)}", _INK)
     write(record.status.upper(), STATUS_RGB[record.status])
-    if record.advice is not None and record.advice.action != "none":
-        advice = record.advice
+    advice = record.advice
+    advised = advice is not None and advice.action != "none"
+    if advice is not None and advised:
         words = f"{advice.action.upper()}"
         needed_m = advice.emergency_at_m if advice.action == "emergency" else advice.required_m
         if advice.available_m is not None and np.isfinite(needed_m):
             words += f" stop needs {needed_m:.0f} m, has {advice.available_m:.0f} m"
         write(words, ACTION_RGB[advice.action])
-    elif record.status == "unknown" and record.reason:
+    if record.status == "unknown" and record.reason:
         write(ascii_only(record.reason), _INK)
-    elif record.reach_m is not None:
+    elif record.reach_m is not None and not advised:
         write(f"rails followed to {record.reach_m:.0f} m", _INK)
 
 

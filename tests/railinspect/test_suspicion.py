@@ -52,7 +52,7 @@ def test_a_doubtful_person_is_no_finding_and_the_frame_is_not_clear():
     assert all(record.findings == () for record in records)
     ahead = records[8:25]  # seen in four frames, and not passed yet
     assert {record.status for record in ahead} == {"unknown"}
-    assert all("perhaps person" in record.reason for record in ahead)
+    assert all("perhaps trespasser" in record.reason for record in ahead)
     assert all("only 58 % sure" in record.reason for record in ahead)
     assert all(record.advice is not None for record in ahead)
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,16 @@ from railinspect.ranging import Range
 from railinspect.records import FrameRecord, LocatedFinding
 from railinspect.sinks.overlay import TYPE_RGB, ascii_only, clock, draw_overlay
 from railinspect.sinks.overlay_video import fit
+
+
+@dataclass(frozen=True)
+class Advised:
+    """As much of an advice as the banner reads."""
+
+    action: str = "service"
+    required_m: float = 300.0
+    emergency_at_m: float = 250.0
+    available_m: float | None = None
 
 
 def record(status="clear", findings=(), **rest) -> FrameRecord:
@@ -51,6 +63,14 @@ def test_unknown_frames_show_no_rails(grey):
     drawn = draw_overlay(grey, record("unknown", reason="the rails cannot be found – at 3 m"))
     assert (drawn[:320] == 100).all()
     assert (drawn[335:] != 100).any()
+
+
+def test_an_unknown_frame_shows_the_rails_that_are_followed_and_says_why(grey):
+    plain = draw_overlay(grey, record("unknown", followed=True))
+    assert plain[260, 250, 2] > 150  # cyan on the left rail
+    advised = record("unknown", followed=True, advice=Advised())
+    told = draw_overlay(grey, replace(advised, reason="perhaps trespasser, only 58 % sure"))
+    assert (told[335:] != draw_overlay(grey, advised)[335:]).any()
 
 
 def test_a_finding_has_a_box_in_its_colour(grey):
