@@ -285,22 +285,29 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             # Which track is nearest, and is the point on a bed?
             nearest = -1
             distance = 1e9
+            top_distance = 1e9
             bed_cover = 0.0
             for k in range(count):
                 low = offsets[k, index]
                 high = offsets[k, index + 1]
                 if np.isnan(low) or np.isnan(high):
                     continue
-                gap = bed_left - (low + part * (high - low))
+                # Distances are square to the track, which may run aslant of the ego track.
+                aslant = high - low
+                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
+                gap = (bed_left - (low + part * aslant)) * lean
                 if abs(gap) < abs(distance):
                     distance = gap
+                    top_distance = (
+                        gap + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
+                    )
                     nearest = k
             if nearest >= 0 and tracks[nearest, TRACK_EMBEDDED] > 0:
                 flush = True
             left = top_left if flush else bed_left
             along = top_along if flush else bed_along
-            if flush and nearest >= 0:
-                distance += top_left - bed_left
+            if flush:
+                distance = top_distance
             texel = 1.0 / 0.022
             ta = (along + chainage) * texel
             tl = left * texel
@@ -417,31 +424,37 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                 high = offsets[k, index + 1]
                 if np.isnan(low) or np.isnan(high):
                     continue
-                middle = low + part * (high - low)
-                if abs(top_left - middle) > spacing + 0.8 + 2 * width:
+                # Where the ray meets both surfaces and its pixel's footprint, square to this track.
+                aslant = high - low
+                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
+                bed = (bed_left - low - part * aslant) * lean
+                top = bed + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
+                over = pixel_along * abs(aside * cos - sin - aslant * (cos + aside * sin))
+                wide = np.sqrt(pixel_x * pixel_x + over * over) * lean
+                if abs(top) > spacing + 0.8 + 2 * wide:
                     continue
                 embedded = flush
                 for side in (1.0, -1.0):
-                    rail = middle + side * half_gauge
+                    rail = side * half_gauge
                     if k == 0:
                         rail += displacement(waves, top_along, side)
                     if not embedded:
                         # cast shadow on the bed, away from the sun
                         near = rail - sun * half_head
                         far = near - sun * RAIL_HEIGHT_M * 1.2
-                        cover = _overlap(bed_left, width, min(near, far), max(near, far))
+                        cover = _overlap(bed, wide, min(near, far), max(near, far))
                         cover *= look[LOOK_SHADOW] * 0.6
                         r *= 1 - cover
                         g *= 1 - cover
                         b *= 1 - cover
                         # the flank, from the foot up: what lies higher hides what lies lower
-                        side_light = 0.75 if sun * (rail - left) > 0 else 0.5
-                        for low, high, half, gain in (
+                        side_light = 0.75 if sun * (rail - bed) > 0 else 0.5
+                        for deep, deeper, half, gain in (
                             (RAIL_FOOT_M, RAIL_HEIGHT_M, RAIL_FOOT_HALF_M, 1.15),
                             (RAIL_SIDE_M, RAIL_FOOT_M, RAIL_WEB_HALF_M, 0.55),
                             (0.0, RAIL_SIDE_M, half_head, 1.25),
                         ):
-                            cover = _flank(top_left, bed_left, width, low, high, rail, half)
+                            cover = _flank(top, bed, wide, deep, deeper, rail, half)
                             if cover > 0:
                                 gain *= side_light
                                 r += cover * (look[LOOK_RUST_R] * gain - r)
@@ -450,17 +463,17 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     else:
                         # flange groove on the inside of an embedded rail
                         groove = rail - side * (half_head + 0.03)
-                        cover = 0.75 * _overlap(top_left, width, groove - 0.03, groove + 0.03)
+                        cover = 0.75 * _overlap(top, wide, groove - 0.03, groove + 0.03)
                         r *= 1 - cover
                         g *= 1 - cover
                         b *= 1 - cover
-                    cover = _overlap(top_left, width, rail - half_head, rail + half_head)
+                    cover = _overlap(top, wide, rail - half_head, rail + half_head)
                     if cover > 0:
                         r += cover * (tracks[k, TRACK_HEAD_R] * 0.62 - r)
                         g += cover * (tracks[k, TRACK_HEAD_G] * 0.62 - g)
                         b += cover * (tracks[k, TRACK_HEAD_B] * 0.62 - b)
                         inner = rail - side * 0.008
-                        cover = _overlap(top_left, width, inner - 0.024, inner + 0.024)
+                        cover = _overlap(top, wide, inner - 0.024, inner + 0.024)
                         cover *= tracks[k, TRACK_SHINE]
                         r += cover * (tracks[k, TRACK_HEAD_R] - r)
                         g += cover * (tracks[k, TRACK_HEAD_G] - g)
@@ -470,10 +483,10 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                     # are measured on.
                     side_seen = 0.0
                     if k > 0 and not embedded:
-                        side_seen = (bed_left - top_left) * (RAIL_SIDE_M / RAIL_HEIGHT_M)
-                    told_apart = spacing >= LABEL_MIN_GAP_PX * width
-                    half_label = max(half_head + abs(side_seen) / 2, LABEL_MIN_HALF_PX * width)
-                    if told_apart and abs(top_left - rail + side_seen / 2) <= half_label:
+                        side_seen = (bed - top) * (RAIL_SIDE_M / RAIL_HEIGHT_M)
+                    told_apart = spacing >= LABEL_MIN_GAP_PX * wide
+                    half_label = max(half_head + abs(side_seen) / 2, LABEL_MIN_HALF_PX * wide)
+                    if told_apart and abs(top - rail + side_seen / 2) <= half_label:
                         label = RAIL_EMBEDDED if embedded else RAIL_RAISED
 
             # Illumination: tunnels and shadows.
