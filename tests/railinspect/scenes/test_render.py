@@ -23,7 +23,7 @@ from railinspect.scenes.dataset import IMAGES, MASKS
 from railinspect.scenes.ground import FAR_M, RAIL_SIDE_M
 from railinspect.scenes.planting import plant
 from railinspect.scenes.render import Rendered, rail_points, view
-from railinspect.scenes.tracks import add_track
+from railinspect.scenes.tracks import TURN_REACH_M, add_track
 from railinspect.scenes.world import begin, finish
 
 SMALL = (320, 180)
@@ -123,6 +123,45 @@ def test_a_rail_is_labelled_as_wide_as_its_head_is_seen(
     assert len(widths) > 10
     assert np.mean(widths) == pytest.approx(np.mean(expected), abs=0.35)
     assert min(expected) > 2.5
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.7, -2.2])
+def test_the_gauge_is_square_to_a_track_that_runs_aslant(slope: float) -> None:
+    draft, level, camera = level_world(fov=1.2)
+    draft.offsets[1:], draft.tracks[1:] = [], []
+    draft.kit = type(draft.kit)()  # nothing stands before it
+    course = 6.0 + slope * (draft.along - 25.0)
+    add_track(draft, course, like=draft.tracks[0])
+    world = finish(draft, 3, level, camera)
+    picture = view(world, np.random.default_rng(0))
+    along = np.linspace(23.0, 27.0, 33)
+    normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
+    found = []
+    for side in (1.0, -1.0):
+        middle = np.column_stack([along, 6.0 + slope * (along - 25.0)])
+        head = middle + side * world.spacing_m / 2 * normal
+        points = np.column_stack([head, np.zeros(len(head))])
+        u, v = np.round(camera.project(points)).astype(int).T
+        found.append(np.isin(picture.labels[v, u], RAILS).mean())
+    assert min(found) > 0.9
+
+
+def test_a_junction_turns_every_tram_track_and_keeps_the_street_open() -> None:
+    """Turns leave the corridor on one side, on paved ground; the ego track runs straight on."""
+    tram = SceneSettings(kind="tram")
+    drafts = [begin(seed, tram)[0] for seed in range(40)]
+    junctions = [draft for draft in drafts if draft.turns]
+    assert 8 < len(junctions) < 32
+    for draft in junctions:
+        assert (draft.offsets[0] == 0.0).all()
+        near, far = draft.crossings[0][:2]
+        for turn in draft.turns:
+            there = np.isfinite(turn)
+            assert there.any()
+            assert near < draft.along[there].min() < draft.along[there].max() < far
+            assert np.abs(turn[there]).max() <= TURN_REACH_M
+            assert not draft.in_the_open(float(draft.along[there].mean()))
+        assert draft.in_the_open(far + 10.0)
 
 
 def test_depth_of_level_ground_is_the_camera_models() -> None:
