@@ -22,28 +22,26 @@ from pathlib import Path
 import torch
 
 from benchmarks.common import Measure, alternating_medians, parser, publish
+from benchmarks.short_training import (
+    BATCH,
+    HELD_OUT_SEED,
+    SMALL_WH,
+    TRAIN_SEED,
+    rendered,
+    scored,
+    settings,
+    trained,
+)
 from export.bundle import Exported, export
-from fscnn.data.datasets import FolderSource
 from fscnn.models import build
-from fscnn.training import config
 from fscnn.training.checkpoint import Trained
-from fscnn.training.evaluation import evaluate, load_model
-from fscnn.training.fit import fit
 from railinspect.bundle import golden_image
-from railinspect.scenes import SceneSettings, write_images
+from railinspect.scenes import SceneSettings
 from railinspect.segmenter import Segmenter
 
-ROOT = Path(__file__).parents[1]
 PARTS = ("speed", "overfit", "train", "gpu")
 OURS, RIVAL = "fscnn_mobilenet_v3_large", "lraspp_mobilenet_v3_large"
 SIZE_WH = (640, 384)
-SMALL_WH, BATCH = (320, 192), 8
-VAL_SEED, TRAIN_SEED = 900_000, 1_000_000
-
-
-def settings(name: str) -> config.TrainConfig:
-    """A configuration of ``configs/``."""
-    return config.load(ROOT / "configs" / f"{name}.yaml")
 
 
 def speed(folder: Path, threads: int, repeats: int) -> list[Measure]:
@@ -78,64 +76,19 @@ def speed(folder: Path, threads: int, repeats: int) -> list[Measure]:
     return measures
 
 
-def rendered(
-    folder: Path, first: int, count: int, workers: int, size_wh: tuple[int, int] = (640, 360)
-) -> Path:
-    """A folder of rendered scenes, made once."""
-    scenes = SceneSettings(size_wh=size_wh)
-    for _ in write_images(folder, range(first, first + count), scenes, workers):
-        pass
-    return folder
-
-
-def train_once(
-    name: str, seed: int, steps: int, train: Path, val: Path, out: Path, *more: str
-) -> float:
-    """Train one network from random weights; the rail IoU of its last weights on ``val``."""
-    overrides = [
-        f"seed={seed}",
-        'start_from=""',
-        'data.railsem=""',
-        f"data.train_folders=[{train}]",
-        f"data.val_folders=[{val}]",
-        f"data.crop_wh={list(SMALL_WH)}",
-        f"data.batch_size={BATCH}",
-        "data.workers=1",
-        "optimiser.rate=0.002",
-        "optimiser.average=0.99",
-        "schedule.max_epochs=-1",
-        f"schedule.max_steps={steps}",
-        "schedule.patience=0",
-        "schedule.shape=cosine",
-        "run.precision=32-true",
-        "run.accumulate=1",
-        "run.tensorboard=false",
-        "run.validate_every=1000000",
-        "run.progress=false",
-        "run.examples=0",
-        f"run.out={out}",
-        *more,
-    ]
-    fit(config.load(ROOT / "configs" / f"{name}.yaml", overrides))
-    source = FolderSource(val)
-    width, height = (side // 16 * 16 for side in source(0)[0].shape[1::-1])
-    segment = load_model(out / "last.ckpt", (width, height))
-    pairs = (source(i) for i in range(len(source)))
-    return float(evaluate(segment, pairs).summary()["rail_iou"])
-
-
 def compare(
     folder: Path, seeds: list[int], steps: int, scenes: int, held_out: int, workers: int
 ) -> list[Measure]:
     """The same budget for both mobile networks, every seed."""
     train = rendered(folder / "train", TRAIN_SEED, scenes, workers)
-    val = rendered(folder / "val", VAL_SEED, held_out, workers)
+    val = rendered(folder / "val", HELD_OUT_SEED, held_out, workers)
     reached: dict[str, list[float]] = {OURS: [], RIVAL: []}
     spent_s = dict.fromkeys(reached, 0.0)
     for seed in seeds:
         for name, found in reached.items():
             began = time.perf_counter()
-            found.append(train_once(name, seed, steps, train, val, folder / f"{name}_{seed}"))
+            out = folder / f"{name}_{seed}"
+            found.append(scored(trained(name, seed, steps, train, out), val)["rail_iou"])
             spent_s[name] += time.perf_counter() - began
     measures = [
         Measure(f"rail IoU, {name}, seed {seed}", value, "", None, "higher")
@@ -159,11 +112,12 @@ def compare(
 
 def overfit(folder: Path, steps: int, workers: int) -> list[Measure]:
     """Rail IoU on the eight images it was trained on."""
-    eight = rendered(folder / "eight", TRAIN_SEED, 8, workers, SMALL_WH)
+    eight = rendered(folder / "eight", TRAIN_SEED, 8, workers, SceneSettings(size_wh=SMALL_WH))
     plain = ("data.zoom=[1, 1]", "data.aspect=1", "data.rail_share=0", "data.strength=0")
     more = (*plain, "settings.dropout=0", "optimiser.weight_decay=0", "optimiser.average=0.95")
     began = time.perf_counter()
-    reached = train_once(OURS, 0, steps, eight, eight, folder / "overfit", *more)
+    checkpoint = trained(OURS, 0, steps, eight, folder / "overfit", *more)
+    reached = scored(checkpoint, eight)["rail_iou"]
     shape = f"eight images of {SMALL_WH[0]}×{SMALL_WH[1]}, {steps} steps, {OURS}"
     return [
         Measure(f"time of overfitting {shape}", time.perf_counter() - began, "s"),
