@@ -15,6 +15,7 @@ from railinspect.findings.bodies import bodies_of
 from railinspect.findings.finding import Finding, FindingType
 from railinspect.findings.looks import looks_of, sureness
 from railinspect.findings.place import place_on_track
+from railinspect.findings.regions import components, contacts
 from railinspect.labels import (
     CAR,
     CLASSES,
@@ -52,8 +53,8 @@ _PERSON_SHARE = 0.3
 _LOW_M = 2.0
 """Above this height, metres, nothing of a body says that it stands on the track."""
 
-_SAME_THING = 0.3
-"""Findings of two looks whose boxes share this much of the smaller one are one thing."""
+_SAME_THING = 0.5
+"""Findings whose boxes share this much of the smaller one are one thing, as in events."""
 
 _FAMILY = np.arange(256)
 """What may hang over what: one id per class, but masts carry signals and vehicles are alike."""
@@ -67,15 +68,18 @@ def find_things(
     """Foreign regions whose foot stands inside the clearance envelope, in any of the looks."""
     found: list[Finding] = []
     for look in looks_of(segmentation):
-        for finding in _find_in(look, segmentation, track, limits):
-            same = [f for f in found if _same(f, finding)]
-            if all(finding.confidence > f.confidence for f in same):
-                found = [*(f for f in found if not _same(f, finding)), finding]
+        new = _find_in(look, segmentation, track, limits)
+        new = [n for n in new if all(_surer(n, f) for f in found if _same(f, n))]
+        found = [f for f in found if not any(_same(f, n) for n in new)] + new
     return found
 
 
+def _surer(one: Finding, two: Finding) -> bool:
+    return (one.doubt is None, one.confidence) > (two.doubt is None, two.confidence)
+
+
 def _same(one: Finding, two: Finding) -> bool:
-    """Whether two looks found one thing."""
+    """Whether two findings of different looks, or of people and their parts, are one thing."""
     return one.type == two.type and overlap_share(one.box_xyxy, two.box_xyxy) >= _SAME_THING
 
 
@@ -116,7 +120,7 @@ def _find_in(
         mask = ((kind & code) > 0).view(np.uint8)
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
         mask = np.asarray(closed, np.uint8)
-        rows, cols = _contacts(mask, kind, first)
+        rows, cols = contacts(mask, kind, first)
         if len(rows) == 0:
             continue
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
@@ -129,17 +133,17 @@ def _find_in(
             continue
         # Only what lies in the columns of the near contacts can be part of a body.
         left, right = int(cols[near].min()), int(cols[near].max()) + 1
-        components, sizes = _components(
+        number_of, sizes = components(
             np.ascontiguousarray(mask[:, left:right]), rows[inside], cols[inside] - left
         )
-        component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
+        component = np.where(near, number_of[rows, np.clip(cols - left, 0, right - left - 1)], 0)
         for number in range(1, len(sizes)):
             if sizes[number] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
             region = np.zeros(mask.shape, bool)
-            region[:, left:right] = components == number
-            found += _standing(
+            region[:, left:right] = number_of == number
+            standing = _standing(
                 segmentation,
                 whole,
                 track,
@@ -150,59 +154,10 @@ def _find_in(
                 chainage[part],
                 lateral[part],
             )
+            if code == _EITHER:
+                standing = [s for s in standing if not any(_same(f, s) for f in found)]
+            found += standing
     return found
-
-
-@numba.njit(cache=True)
-def _contacts(
-    mask: npt.NDArray[np.uint8], kind: npt.NDArray[np.uint8], first: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows and columns, from row ``first`` on, where the mask ends below and nothing stands there.
-
-    People hide things and things hide people: neither ends in a foot on the other.
-    """
-    height, width = mask.shape
-    found = []
-    for row in range(first, height):
-        for column in range(width):
-            if mask[row, column] != 1:
-                continue
-            ends = row == height - 1
-            if ends or (mask[row + 1, column] == 0 and kind[row + 1, column] == 0):
-                found.append((row, column))
-    rows, columns = np.empty(len(found), np.intp), np.empty(len(found), np.intp)
-    for i, (row, column) in enumerate(found):
-        rows[i], columns[i] = row, column
-    return rows, columns
-
-
-@numba.njit(cache=True)
-def _components(
-    mask: npt.NDArray[np.uint8], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp]]:
-    """Components of the mask these pixels lie in, numbered from 1, and every number's area."""
-    height, width = mask.shape
-    number = np.zeros((height, width), np.int32)
-    stack = np.empty((np.count_nonzero(mask), 2), np.intp)
-    areas = [0]
-    for seed in range(len(rows)):
-        if number[rows[seed], columns[seed]] != 0:
-            continue
-        label, area, depth = len(areas), 0, 1
-        stack[0, 0], stack[0, 1] = rows[seed], columns[seed]
-        number[rows[seed], columns[seed]] = label
-        while depth > 0:
-            depth -= 1
-            row, column = stack[depth, 0], stack[depth, 1]
-            area += 1
-            for r in range(max(0, row - 1), min(height, row + 2)):
-                for c in range(max(0, column - 1), min(width, column + 2)):
-                    if mask[r, c] == 1 and number[r, c] == 0:
-                        number[r, c] = label
-                        stack[depth, 0], stack[depth, 1] = r, c
-                        depth += 1
-        areas.append(area)
-    return number, np.array(areas)
 
 
 @numba.njit(cache=True)
