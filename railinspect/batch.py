@@ -15,6 +15,7 @@ import cv2
 
 from railinspect.errors import BadInputError, OutputError
 from railinspect.events import Event
+from railinspect.fovea import for_stills
 from railinspect.input_results import InputResults, InputSummary
 from railinspect.inspect_settings import InspectSettings
 from railinspect.logs import note
@@ -222,8 +223,11 @@ class _Run:
         self._summaries.append(summary)
         note("input begun", input=name, path=summary.path, kind=source.kind, size_wh=source.size_wh)
         still = source.kind == "image"
+        segmenter = self._segmenter
+        if still:
+            segmenter = for_stills(segmenter, self._settings.camera)
         inspector = self._settings.inspector(
-            self._segmenter, source.kind, first_event_id=self._next_id, steps=self._steps
+            segmenter, source.kind, first_event_id=self._next_id, steps=self._steps
         )
         results = InputResults(summary, self._frames_file, self._events_file, self._folder.part)
         began_s, before_s = time.perf_counter(), self._seconds
@@ -234,7 +238,7 @@ class _Run:
                 overlay = OverlayVideo(self._folder.part(summary.overlay), source.size_wh)
                 stack.callback(overlay.close)
             stack.callback(self._end_input, inspector, results, source)
-            frames = stack.enter_context(closing(segmented_frames(source, self._segmenter)))
+            frames = stack.enter_context(closing(segmented_frames(source, segmenter)))
             right = self._right(stack)
             for frame, segmentation in frames:
                 beside = right.at(frame.time_s) if right is not None else None

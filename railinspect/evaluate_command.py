@@ -90,7 +90,7 @@ def _run(options: argparse.Namespace) -> int:
         training = read_samples(options.svm)
         judge = _with_line(
             "training",
-            lambda show: train_svm(training, segmenter, progress=show),
+            lambda show: train_svm(training, segmenter, not options.no_camera, progress=show),
             options.json,
         )
     answers = _with_line(

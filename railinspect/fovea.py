@@ -9,23 +9,31 @@ runs on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from railinspect.bundle import BundleMetadata
 from railinspect.camera import Camera
-from railinspect.segmenter import Segmentation
+from railinspect.segmenter import Segmentation, Segmenter
 from railinspect.track import TrackFollower
+from railinspect.track.geometry import SegmentationLike
 
 Image = npt.NDArray[np.uint8]
+SegmentFunction = Callable[[Image], SegmentationLike]
 
 WIDEST_PX = 1000
 """Narrower pictures need no second look: the network sees nearly all of their pixels."""
 
 BELOW = 0.65
 """How much of a look lies below the horizon: the track does."""
+
+KEPT_RAIL = 0.4
+"""Share of a rail's probability that stays where the closer look sees none: less than the half at
+which a rail's width ends, so that a rail seen by both is as narrow as the closer look has it."""
 
 AHEAD_M = 100.0
 """Where the track is here, or where it is last seen, is the middle of the looks after the first."""
@@ -42,15 +50,26 @@ class Network(Protocol):
         """Label a picture."""
 
 
+def for_stills(segment: SegmentFunction, camera: Camera | None) -> SegmentFunction:
+    """A network with closer looks, as single pictures are seen: nothing hurries there.
+
+    Args:
+        segment: From picture to masks. What is no bundle's network stays as it is.
+        camera: Where the horizon lies; None has the track say so.
+    """
+    return Fovea(segment, camera) if isinstance(segment, Segmenter) else segment
+
+
 class Fovea:
     """A segmenter with closer looks; call it with RGB images of any size.
 
     Args:
         segmenter: The network.
-        camera: Where the horizon lies; resized to the picture.
+        camera: Where the horizon lies; resized to the picture. None has the track of the first
+            look say so, in each picture anew.
     """
 
-    def __init__(self, segmenter: Network, camera: Camera) -> None:
+    def __init__(self, segmenter: Network, camera: Camera | None = None) -> None:
         self._segmenter, self._camera = segmenter, camera
 
     @property
@@ -68,26 +87,46 @@ class Fovea:
         tall, wide = rgb.shape[:2]
         if wide < WIDEST_PX:
             return seen
-        camera = self._camera.resized((wide, tall))
+        if self._camera is not None:
+            camera = self._camera.resized((wide, tall))
+        else:
+            camera = TrackFollower().update(seen).camera
         middle = camera.principal_uv[0], camera.horizon_v()
         while wide > self.metadata.input_size_wh[0]:
             wide, tall = wide // 2, tall // 2
             left, top = _corner(middle, (wide, tall), (rgb.shape[1], rgb.shape[0]))
-            part = np.s_[top : top + tall, left : left + wide]
-            close = self._segmenter(np.ascontiguousarray(rgb[part]))
-            planes = []
-            for far, near in (
-                (seen.labels, close.labels),
-                (seen.confidence, close.confidence),
-                (seen.rail_score, close.rail_score),
-            ):
-                plane = far.copy()
-                plane[part] = near
-                planes.append(plane)
-            seen = Segmentation(*planes)
+            part = np.ascontiguousarray(rgb[top : top + tall, left : left + wide])
+            seen = looked_closer(seen, self._segmenter(part), (left, top))
             if wide > self.metadata.input_size_wh[0]:
                 middle = _where_it_runs_on(seen, camera) or middle
         return seen
+
+
+def looked_closer(
+    seen: Segmentation, close: Segmentation, corner_uv: tuple[int, int]
+) -> Segmentation:
+    """What is seen of an image with a closer look at a part of it in place.
+
+    The closer look has the say on every class. A rail that it does not see but the look before
+    did is kept with less of its probability (``KEPT_RAIL``): where the picture is blurred the
+    closer look has less to go by.
+
+    Args:
+        seen: The image as seen before.
+        close: The part, as the closer look sees it.
+        corner_uv: Left and top of the part.
+    """
+    left, top = corner_uv
+    tall, wide = close.labels.shape
+    part = np.s_[top : top + tall, left : left + wide]
+    labels, confidence, rail_score = (
+        plane.copy() for plane in (seen.labels, seen.confidence, seen.rail_score)
+    )
+    labels[part], confidence[part] = close.labels, close.confidence
+    kept = cv2.convertScaleAbs(rail_score[part], alpha=KEPT_RAIL)
+    rail_score[part] = np.maximum(close.rail_score, kept)
+    box = (left, top, left + wide, top + tall)
+    return Segmentation(labels, confidence, rail_score, box, seen)
 
 
 def _corner(

@@ -17,6 +17,7 @@ from railinspect._threads import one_ahead, prefetch
 from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
+from railinspect.fovea import for_stills
 from railinspect.journey import Journey
 from railinspect.ranging import Absent, FrameRanging, Motion, MotionFilter, Range
 from railinspect.ranging.calibrate_ride import DriftMonitor
@@ -513,6 +514,8 @@ def inspect_video(
     settings = EventSettings.still() if still else EventSettings()
     thresholds = Thresholds().still() if still else Thresholds()
     segment = segmenter if segmenter is not None else Segmenter.default()
+    if still:
+        segment = for_stills(segment, camera)
     inspector = Inspector(
         segment,
         camera,

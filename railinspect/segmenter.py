@@ -41,11 +41,16 @@ class Segmentation:
         labels: Class ids, uint8 (H, W).
         confidence: Probability of the likeliest class, 0 … 255 for 0 … 1, uint8 (H, W).
         rail_score: P(rail-raised) + P(rail-embedded), 0 … 255 for 0 … 1, uint8 (H, W).
+        closest_xyxy: Where a closer look at a part of the image (:mod:`railinspect.fovea`) took the
+            place of what was seen before, pixels; None for a single look.
+        before: What was seen before that closer look; None for a single look.
     """
 
     labels: Image
     confidence: Image
     rail_score: Image
+    closest_xyxy: tuple[int, int, int, int] | None = None
+    before: Segmentation | None = None
 
 
 class Segmenter:

@@ -41,7 +41,9 @@ class Thresholds:
         vehicle_m: Least height of a car, a lorry or a rail vehicle, metres.
         person_height_m: Least height of a person, metres (sitting, lying across).
         least_area_px: Least area, pixels.
-        least_confidence: Least mean confidence of the segmentation over the thing, 0..1;
+        least_confidence: How sure the segmentation must be of a thing at least, 0..1
+            (:func:`railinspect.findings.looks.sureness`);
+        person_confidence: the same of a person;
         least_doubt: what is below it is doubtful from this on, and nothing where still less sure.
         least_spacing_px: Where the rails are closer than this, things are too small to judge.
         far_spacing_px: Where they are closer than this, the path is sure to a metre at best, and
@@ -111,6 +113,7 @@ class Thresholds:
     person_height_m: float = 0.60
     least_area_px: float = 14.0
     least_confidence: float = 0.65
+    person_confidence: float = 0.65
     least_doubt: float = 0.5
     least_spacing_px: float = 5.0
     far_spacing_px: float = 9.0
@@ -147,5 +150,15 @@ class Thresholds:
     gap_contrast: float = 0.6
 
     def still(self) -> Thresholds:
-        """For a single picture: no second one can make sure, so what is doubtful is a finding."""
-        return replace(self, least_confidence=min(self.least_confidence, self.least_doubt))
+        """For a single picture: no second one can make sure, so what is doubtful is a finding.
+
+        People are taken for such at less: the network sees few where there are none. A rail that
+        bends alone has to bend more: a drop of water on the lens does that to one, and no frame
+        after it shows that it stays on the lens.
+        """
+        return replace(
+            self,
+            least_confidence=min(self.least_confidence, self.least_doubt),
+            person_confidence=min(self.person_confidence, 0.43),
+            bend_one_rail=max(self.bend_one_rail, 3.0),
+        )

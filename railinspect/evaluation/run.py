@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from railinspect.camera import Camera
 from railinspect.evaluation.answers import Answer, Judge, inspect_still, true_segmentation
 from railinspect.evaluation.rides import ClearRides
 from railinspect.evaluation.samples import Sample
 from railinspect.evaluation.scores import Band, Rate, Scores, score
-from railinspect.pipeline import SegmentFunction
+from railinspect.fovea import Fovea, Network
+from railinspect.track.geometry import SegmentationLike
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Evaluation:
 
 def judge_set(
     samples: Sequence[Sample],
-    segmenter: SegmentFunction | None,
+    segmenter: Network | None,
     judge: Judge = inspect_still,
     use_camera: bool = True,
     progress: Callable[[int, float], None] | None = None,
@@ -73,7 +75,8 @@ def judge_set(
 
     Args:
         samples: The data set.
-        segmenter: From picture to masks; None takes the set's true masks.
+        segmenter: The network, which looks closer at wide pictures; None takes the set's true
+            masks.
         judge: Who answers.
         use_camera: Whether the judge is told the camera where the set knows it.
         progress: Called with pictures done and their share of all.
@@ -83,14 +86,22 @@ def judge_set(
     """
     answers = []
     for done, sample in enumerate(samples, 1):
-        if segmenter is None:
-            masks: Any = true_segmentation(sample.labels())
-        else:
-            masks = segmenter(sample.rgb())
-        answers.append(judge(masks, sample.camera if use_camera else None))
+        camera = sample.camera if use_camera else None
+        answers.append(judge(masks_of(sample, segmenter, camera), camera))
         if progress is not None:
             progress(done, done / len(samples))
     return tuple(answers)
+
+
+def masks_of(sample: Sample, segmenter: Network | None, camera: Camera | None) -> SegmentationLike:
+    """A picture's masks: the network's, with closer looks if it is wide, or the true ones.
+
+    Raises:
+        BadInputError: if the picture or, without a network, its mask cannot be read.
+    """
+    if segmenter is None:
+        return true_segmentation(sample.labels())
+    return Fovea(segmenter, camera)(sample.rgb())
 
 
 def evaluated(

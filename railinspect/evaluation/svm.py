@@ -20,10 +20,11 @@ from scipy.optimize import minimize
 
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
-from railinspect.evaluation.answers import Answer, true_segmentation
+from railinspect.evaluation.answers import Answer
+from railinspect.evaluation.run import masks_of
 from railinspect.evaluation.samples import Sample
+from railinspect.fovea import Network
 from railinspect.labels import CLASSES
-from railinspect.pipeline import SegmentFunction
 from railinspect.track.geometry import SegmentationLike
 
 Array = npt.NDArray[np.float64]
@@ -110,14 +111,16 @@ def fit(feature: Array, anomalous: npt.NDArray[np.bool_], softness: float = 0.01
 
 def train_svm(
     samples: Sequence[Sample],
-    segmenter: SegmentFunction | None,
+    segmenter: Network | None,
+    use_camera: bool = True,
     progress: Callable[[int, float], None] | None = None,
 ) -> LinearSvm:
     """Train on a data set.
 
     Args:
         samples: Pictures with and without anomalies.
-        segmenter: From picture to masks; None takes the true masks.
+        segmenter: The network; None takes the true masks.
+        use_camera: Whether its closer looks are told the camera where the set knows it.
         progress: Called with pictures done and their share of all.
 
     Raises:
@@ -125,11 +128,8 @@ def train_svm(
     """
     rows = []
     for done, sample in enumerate(samples, 1):
-        if segmenter is None:
-            masks: SegmentationLike = true_segmentation(sample.labels())
-        else:
-            masks = segmenter(sample.rgb())
-        rows.append(features(masks))
+        camera = sample.camera if use_camera else None
+        rows.append(features(masks_of(sample, segmenter, camera)))
         if progress is not None:
             progress(done, done / len(samples))
     return fit(np.stack(rows), np.array([sample.anomaly is not None for sample in samples]))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from railinspect.findings.distortions import find_distortions
 from railinspect.findings.finding import Finding, FindingType
 from railinspect.findings.interruptions import find_interruptions
+from railinspect.findings.looks import blur
 from railinspect.findings.place import place_on_track
 from railinspect.findings.things import find_things
 from railinspect.thresholds import Thresholds
@@ -35,7 +36,8 @@ def find(
         return ()
     thresholds = thresholds or Thresholds()
     found = find_things(segmentation, track, thresholds)
-    found += find_distortions(track, thresholds)
+    share = blur(segmentation, track.profile.uv.mean(axis=1))
+    found += find_distortions(track, thresholds, share)
     sure = [finding for finding in found if finding.doubt is None]
     found += find_interruptions(segmentation, track, thresholds, sure)
     return tuple(sorted(found, key=lambda f: -f.foot_uv[1]))

@@ -26,8 +26,17 @@ _FROM_TOP = 0.6
 """What goes along with another rail jumps back from as far as it got, at least this share of it."""
 
 
-def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
-    """Stretches where the rails leave the smooth track together, or one does by more."""
+def find_distortions(
+    track: TrackGeometry, limits: Thresholds, share: Array | float = 1.0
+) -> list[Finding]:
+    """Stretches where the rails leave the smooth track together, or one does by more.
+
+    Args:
+        track: The track.
+        limits: Thresholds.
+        share: What part of the deviation in pixels that a single look needs is enough in each row
+            of the profile, 0…1, shape (M,): a closer look sees the rails sharper.
+    """
     profile, path = track.profile, track.path
     assert profile is not None
     assert path is not None
@@ -41,9 +50,10 @@ def find_distortions(track: TrackGeometry, limits: Thresholds) -> list[Finding]:
     # the pixels of a bend count at right angles to it.
     slant = metre / path.across_px[:rows]
     least_px = limits.bend_m * metre
-    swing = np.maximum(limits.bend_px * scale, limits.bend_noise * profile.noise_px * slant)
+    bend_px, noise_px = limits.bend_px * scale * share, profile.noise_px * share
+    swing = np.maximum(bend_px, limits.bend_noise * noise_px * slant)
     swing = np.maximum(swing, least_px)
-    limit = np.maximum(limits.bend_px * scale * slant, limits.bend_noise * profile.noise_px)
+    limit = np.maximum(bend_px * slant, limits.bend_noise * noise_px)
     limit = np.maximum(limit, least_px)
     # A mean over some rows exceeds its limit only where a row does; limits change little by row.
     least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)

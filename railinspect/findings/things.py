@@ -10,9 +10,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.boxes import overlap_share
 from railinspect.findings.bodies import bodies_of
 from railinspect.findings.finding import Finding, FindingType
+from railinspect.findings.looks import looks_of, sureness
 from railinspect.findings.place import place_on_track
+from railinspect.findings.regions import components, contacts
 from railinspect.labels import (
     CAR,
     CLASSES,
@@ -40,6 +43,19 @@ _GROUND = frozenset((*GROUND, *RAILS)) - {VEGETATION}
 _CREST_PX = 4.0
 """Rows within which the ground ends at a crest: its edge is not level, pixels."""
 
+_THING, _PERSON = 1, 2
+_EITHER = _THING | _PERSON
+"""What a region is of: things, people, or people parts of whom read as things."""
+
+_PERSON_SHARE = 0.3
+"""So much of such a person reads as one at least."""
+
+_LOW_M = 2.0
+"""Above this height, metres, nothing of a body says that it stands on the track."""
+
+_SAME_THING = 0.5
+"""Findings whose boxes share this much of the smaller one are one thing, as in events."""
+
 _FAMILY = np.arange(256)
 """What may hang over what: one id per class, but masts carry signals and vehicles are alike."""
 _FAMILY[[TRAFFIC_LIGHT, TRAFFIC_SIGN]] = POLE
@@ -49,7 +65,31 @@ _FAMILY[[TRUCK, ON_RAILS]] = CAR
 def find_things(
     segmentation: SegmentationLike, track: TrackGeometry, limits: Thresholds
 ) -> list[Finding]:
-    """Foreign regions whose foot stands inside the clearance envelope."""
+    """Foreign regions whose foot stands inside the clearance envelope, in any of the looks."""
+    found: list[Finding] = []
+    for look in looks_of(segmentation):
+        new = _find_in(look, segmentation, track, limits)
+        new = [n for n in new if all(_surer(n, f) for f in found if _same(f, n))]
+        found = [f for f in found if not any(_same(f, n) for n in new)] + new
+    return found
+
+
+def _surer(one: Finding, two: Finding) -> bool:
+    return (one.doubt is None, one.confidence) > (two.doubt is None, two.confidence)
+
+
+def _same(one: Finding, two: Finding) -> bool:
+    """Whether two findings of different looks, or of people and their parts, are one thing."""
+    return one.type == two.type and overlap_share(one.box_xyxy, two.box_xyxy) >= _SAME_THING
+
+
+def _find_in(
+    segmentation: SegmentationLike,
+    whole: SegmentationLike,
+    track: TrackGeometry,
+    limits: Thresholds,
+) -> list[Finding]:
+    """What one look shows inside the envelope; how sure it is, the whole segmentation says."""
     path = track.path
     assert path is not None
     labels = segmentation.labels
@@ -61,8 +101,8 @@ def find_things(
     # Rows the envelope can occupy; the thing itself may stand up above them.
     first = max(0, int(np.nanmin(path.uv[used, 1])) - 1)
     table = np.zeros(256, np.uint8)
-    table[list(limits.foreign)] = 1
-    table[HUMAN] = 2
+    table[list(limits.foreign)] = _THING
+    table[HUMAN] = _PERSON
     kind = np.empty(labels.shape, np.uint8)
     cv2.LUT(labels[first:], table, kind[first:])
     widest = max(limits.person_clearance_m, limits.clearance_m)
@@ -72,14 +112,15 @@ def find_things(
     if first > 0:
         cv2.LUT(labels[:first], table, kind[:first])
     found: list[Finding] = []
-    for code in (2, 1):
+    there = [code for code in (_PERSON, _THING) if (beside == code).any()]
+    if len(there) == 2:
+        there.append(_EITHER)
+    for code in there:
         clearance = _clearance(limits, code)
-        if not (beside == code).any():
-            continue
-        mask = (kind == code).view(np.uint8)
+        mask = ((kind & code) > 0).view(np.uint8)
         closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
         mask = np.asarray(closed, np.uint8)
-        rows, cols = _contacts(mask, kind, first)
+        rows, cols = contacts(mask, kind, first)
         if len(rows) == 0:
             continue
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
@@ -92,18 +133,19 @@ def find_things(
             continue
         # Only what lies in the columns of the near contacts can be part of a body.
         left, right = int(cols[near].min()), int(cols[near].max()) + 1
-        components, sizes = _components(
+        number_of, sizes = components(
             np.ascontiguousarray(mask[:, left:right]), rows[inside], cols[inside] - left
         )
-        component = np.where(near, components[rows, np.clip(cols - left, 0, right - left - 1)], 0)
+        component = np.where(near, number_of[rows, np.clip(cols - left, 0, right - left - 1)], 0)
         for number in range(1, len(sizes)):
             if sizes[number] < limits.least_area_px * scale**2:
                 continue
             part = near & (component == number)
             region = np.zeros(mask.shape, bool)
-            region[:, left:right] = components == number
-            found += _standing(
+            region[:, left:right] = number_of == number
+            standing = _standing(
                 segmentation,
+                whole,
                 track,
                 limits,
                 code,
@@ -112,59 +154,10 @@ def find_things(
                 chainage[part],
                 lateral[part],
             )
+            if code == _EITHER:
+                standing = [s for s in standing if not any(_same(f, s) for f in found)]
+            found += standing
     return found
-
-
-@numba.njit(cache=True)
-def _contacts(
-    mask: npt.NDArray[np.uint8], kind: npt.NDArray[np.uint8], first: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Rows and columns, from row ``first`` on, where the mask ends below and nothing stands there.
-
-    People hide things and things hide people: neither ends in a foot on the other.
-    """
-    height, width = mask.shape
-    found = []
-    for row in range(first, height):
-        for column in range(width):
-            if mask[row, column] != 1:
-                continue
-            ends = row == height - 1
-            if ends or (mask[row + 1, column] == 0 and kind[row + 1, column] == 0):
-                found.append((row, column))
-    rows, columns = np.empty(len(found), np.intp), np.empty(len(found), np.intp)
-    for i, (row, column) in enumerate(found):
-        rows[i], columns[i] = row, column
-    return rows, columns
-
-
-@numba.njit(cache=True)
-def _components(
-    mask: npt.NDArray[np.uint8], rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.intp]]:
-    """Components of the mask these pixels lie in, numbered from 1, and every number's area."""
-    height, width = mask.shape
-    number = np.zeros((height, width), np.int32)
-    stack = np.empty((np.count_nonzero(mask), 2), np.intp)
-    areas = [0]
-    for seed in range(len(rows)):
-        if number[rows[seed], columns[seed]] != 0:
-            continue
-        label, area, depth = len(areas), 0, 1
-        stack[0, 0], stack[0, 1] = rows[seed], columns[seed]
-        number[rows[seed], columns[seed]] = label
-        while depth > 0:
-            depth -= 1
-            row, column = stack[depth, 0], stack[depth, 1]
-            area += 1
-            for r in range(max(0, row - 1), min(height, row + 2)):
-                for c in range(max(0, column - 1), min(width, column + 2)):
-                    if mask[r, c] == 1 and number[r, c] == 0:
-                        number[r, c] = label
-                        stack[depth, 0], stack[depth, 1] = r, c
-                        depth += 1
-        areas.append(area)
-    return number, np.array(areas)
 
 
 @numba.njit(cache=True)
@@ -203,6 +196,7 @@ def _corridor(
 
 def _standing(
     segmentation: SegmentationLike,
+    whole: SegmentationLike,
     track: TrackGeometry,
     limits: Thresholds,
     code: int,
@@ -217,7 +211,7 @@ def _standing(
     feet, chainage, lateral = feet[order], chainage[order], lateral[order]
     lowest = np.concatenate([[True], feet[1:, 0] != feet[:-1, 0]])
     feet, chainage, lateral = feet[lowest], chainage[lowest], lateral[lowest]
-    clearance = limits.person_clearance_m if code == 2 else limits.clearance_m
+    clearance = _clearance(limits, code)
     found: list[Finding] = []
     for body in bodies_of(feet, _families(segmentation, limits, code, feet), track, limits):
         standing = np.concatenate(body.feet)
@@ -228,6 +222,7 @@ def _standing(
         columns = feet[np.concatenate([inside, body.hanging]), 0]
         finding = _judge(
             segmentation,
+            whole,
             track,
             limits,
             code,
@@ -249,7 +244,7 @@ def _families(
     segmentation: SegmentationLike, limits: Thresholds, code: int, feet: Array
 ) -> npt.NDArray[np.intp]:
     """Kind of structure at each contact; a filled hole's is that of the contact before it."""
-    if code == 2:
+    if code != _THING:
         return np.zeros(len(feet), np.intp)
     classes = segmentation.labels[feet[:, 1].astype(int), feet[:, 0].astype(int)]
     known = np.where(np.isin(classes, limits.foreign), np.arange(len(feet)), 0)
@@ -291,7 +286,7 @@ def _union(one: Finding, two: Finding) -> Finding:
 
 
 def _clearance(limits: Thresholds, code: int) -> float:
-    return limits.person_clearance_m if code == 2 else limits.clearance_m
+    return limits.clearance_m if code == _THING else limits.person_clearance_m
 
 
 def _innermost(
@@ -307,15 +302,10 @@ def _innermost(
     Who runs has one foot on the ground and that one maybe behind.
     """
     least = float(np.abs(lateral).min())
-    if code == 1:
+    if code == _THING:
         return least
     aside = (float(inside[lowest, 0]) - sum(columns_uv) / 2) / metre  # to the left of the foot
     return min(least, abs(float(lateral[lowest]) + aside))
-
-
-def _sureness(confidence: npt.NDArray[np.uint8]) -> float:
-    """How sure the segmentation is of a body, 0…1, from its pixels."""
-    return float(confidence.mean()) / 255
 
 
 def _behind_crest(
@@ -342,6 +332,7 @@ def _behind_crest(
 
 def _judge(
     segmentation: SegmentationLike,
+    whole: SegmentationLike,
     track: TrackGeometry,
     limits: Thresholds,
     code: int,
@@ -380,7 +371,7 @@ def _judge(
         return None
     inner = float(np.abs(lateral).min())
     along = float(np.ptp(chainage))
-    if code == 1 and inner > limits.core_m and along > max(limits.along_m, 3.0 * width_m):
+    if code == _THING and inner > limits.core_m and along > max(limits.along_m, 3.0 * width_m):
         return None  # runs along the track: a platform's edge, a wall, a cable trough
     if inner > limits.core_m and _behind_crest(segmentation, inside, columns_uv, scale):
         return None  # it stands farther on and who knows where
@@ -395,24 +386,27 @@ def _judge(
     body = columns[top:]
     area = float(np.count_nonzero(body))
     height_m = (base - top + 1) * pixel_m
-    least_height = limits.person_height_m if code == 2 else limits.least_height_m
-    least_width = 0.0 if code == 2 else limits.least_width_m
+    least_height = limits.person_height_m if code != _THING else limits.least_height_m
+    least_width = 0.0 if code != _THING else limits.least_width_m
     if area < limits.least_area_px * scale**2 or height_m < least_height or width_m < least_width:
         return None
     v, u = np.nonzero(body)
     points = np.stack([u + first, v + top], axis=1).astype(np.float32)
     polygon = cv2.convexHull(points.reshape(-1, 1, 2)).reshape(-1, 2).astype(float)
     classes = segmentation.labels[top : base + 1, first : last + 1][body]
+    if code == _EITHER and np.mean(classes == HUMAN) < _PERSON_SHARE:
+        return None  # things are judged by themselves
     name = CLASSES[int(np.bincount(classes[classes < len(CLASSES)], minlength=1).argmax())]
     cut_off = base >= region.shape[0] - 2  # by the image's bottom: its height is not known
     if name in _VEHICLES and height_m < limits.vehicle_m and not cut_off:
         return None
-    sure = _sureness(segmentation.confidence[top : base + 1, first : last + 1][body])
-    if sure < min(limits.least_doubt, limits.least_confidence):
+    sure = sureness(whole, (top, first), body, round(_LOW_M * metre), limits.foreign)
+    needed = limits.least_confidence if code == _THING else limits.person_confidence
+    if sure < min(limits.least_doubt, needed):
         return None
-    doubt = None if sure >= limits.least_confidence else f"only {100 * sure:.0f} % sure"
+    doubt = None if sure >= needed else f"only {100 * sure:.0f} % sure"
     distant = spacing_px < limits.crest_spacing_px * scale
-    if code == 1 and distant and name not in _VEHICLES:
+    if code == _THING and distant and name not in _VEHICLES:
         aside_px = limits.crest_m * metre
         if _behind_crest(segmentation, inside, columns_uv, scale, aside_px):
             doubt = "but all ground ends at its foot, so it may stand farther on"
@@ -420,9 +414,9 @@ def _judge(
     known = 1.0 if track.followed and range_m <= (track.reach_m or 0.0) * 1.05 else 0.8
     middle = float(lateral.mean())
     side = "left" if middle > 0 else "right"
-    kind: FindingType = "trespasser" if code == 2 else "obstruction"
-    what = "person" if code == 2 else f"{name} region"
-    if code == 1 and name == CLASSES[ON_RAILS]:
+    kind: FindingType = "trespasser" if code != _THING else "obstruction"
+    what = "person" if code != _THING else f"{name} region"
+    if code == _THING and name == CLASSES[ON_RAILS]:
         what = "rail vehicle on the ego track"
     return Finding(
         type=kind,

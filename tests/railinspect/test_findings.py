@@ -188,6 +188,25 @@ def test_person_and_crate_are_two_findings_nearest_first() -> None:
     assert [f.type for f in found] == ["trespasser", "obstruction"]
 
 
+@pytest.mark.parametrize(("shirt", "kind"), [(0.5, "trespasser"), (0.9, "obstruction")])
+def test_a_person_parts_of_whom_read_as_a_thing_is_a_person(shirt: float, kind: str) -> None:
+    masks = draw(camera(), 0.0, things=[Thing(labels.HUMAN, 20.0, 0.2, 0.6, 1.8)])
+    marks = masks.labels.copy()
+    rows, cols = np.nonzero(marks == labels.HUMAN)
+    height = rows.max() - rows.min() + 1
+    # Its middle and lower part: nothing of the person stands on the ground any more.
+    first = rows.max() + 1 - round(shirt * height)
+    marks[first : rows.max() + 1, cols.min() : cols.max() + 1] = labels.CONSTRUCTION
+    _, found = judge(dataclasses.replace(masks, labels=marks), camera())
+    assert kind in [f.type for f in found]
+    assert ("trespasser" in [f.type for f in found]) == (kind == "trespasser")
+
+
+def test_a_rail_that_bends_alone_has_to_bend_more_in_a_still() -> None:
+    assert Thresholds().still().bend_one_rail > Thresholds().bend_one_rail
+    assert Thresholds().still().person_confidence < Thresholds().still().least_confidence
+
+
 def beside(masks: Masks, label: int, box: tuple[int, int, int, int]) -> Masks:
     """The masks with a rectangle (left, top, right, bottom) of a class painted over them."""
     left, top, right, bottom = box

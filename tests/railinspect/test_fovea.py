@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from railinspect.evaluation.drawn_tracks import camera, draw
-from railinspect.fovea import Fovea
-from railinspect.segmenter import Segmentation
+from railinspect.fovea import Fovea, for_stills, looked_closer
+from railinspect.segmenter import Segmentation, Segmenter
+from tests.railinspect.hand_bundle import bundle
 
 
 class Sized:
@@ -73,3 +74,43 @@ def test_a_horizon_near_the_edge_keeps_the_looks_in_the_picture() -> None:
         left, top, right, bottom = window(found.labels, 2)
         assert (right - left, bottom - top) == (960, 540)
         assert 0 <= top < bottom <= 1080
+
+
+def plane(value: int, size_wh: tuple[int, int]) -> np.ndarray:
+    return np.full(size_wh[::-1], value, np.uint8)
+
+
+def test_a_closer_look_keeps_a_little_of_a_rail_it_does_not_see() -> None:
+    far = Segmentation(*(plane(value, (80, 40)) for value in (1, 200, 240)))
+    near = Segmentation(*(plane(value, (20, 10)) for value in (2, 100, 0)))
+    near.rail_score[:, 3] = 250
+    seen = looked_closer(far, near, (30, 20))
+    part = np.s_[20:30, 30:50]
+    assert (seen.labels[part] == 2).all()
+    assert (seen.confidence[part] == 100).all()
+    assert (seen.rail_score[part][:, 3] == 250).all()
+    # Less than half of the closer look's own rail: its width does not grow.
+    assert (seen.rail_score[part][:, 4] == round(0.4 * 240)).all()
+    assert np.count_nonzero(seen.labels == 2) == 200
+    assert seen.closest_xyxy == (30, 20, 50, 30)
+    assert seen.before is far
+    assert (far.rail_score == 240).all()
+
+
+def test_without_a_camera_the_track_says_where_the_horizon_is() -> None:
+    tops = []
+    for pitch in (-6.0, 4.0):
+        cam = camera((1920, 1080), pitch_deg=pitch)
+        rgb = np.repeat(draw(cam).rail_score[..., None], 3, axis=2)
+        with_camera = window(Fovea(Counting(), cam)(rgb).labels, 2)
+        without = window(Fovea(Counting())(rgb).labels, 2)
+        assert abs(without[1] - with_camera[1]) <= 12
+        tops.append(without[1])
+    assert abs(tops[1] - tops[0]) > 100
+
+
+def test_only_a_bundles_network_looks_closer_at_stills() -> None:
+    segmenter = Segmenter(bundle())
+    assert isinstance(for_stills(segmenter, None), Fovea)
+    other = Counting()
+    assert for_stills(other, None) is other

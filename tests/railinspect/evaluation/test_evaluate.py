@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from railinspect.evaluation import (
     ClearRides,
     Rate,
     Sample,
+    judge_set,
     read_samples,
     ride_through,
     score,
@@ -27,6 +29,7 @@ from railinspect.evaluation.drawn_tracks import Thing, camera, draw
 from railinspect.evaluation.svm import fit
 from railinspect.scenes import Ride, demo_settings
 from railinspect.scenes.dataset import IMAGES, MASKS, NOTES
+from railinspect.segmenter import Segmentation
 
 BOX = (100.0, 100.0, 116.0, 116.0)
 
@@ -259,3 +262,29 @@ def test_the_baseline_has_the_same_interface(data_set, capsys):
     assert document["judge"] == "the linear SVM"
     assert document["accuracy"]["of"] == 4
     assert document["named_and_placed_right"]["trespasser"]["hits"] == 0  # it tells no place
+
+
+@pytest.mark.parametrize(("size_wh", "looks"), [((1280, 720), 2), ((640, 360), 1)])
+@pytest.mark.parametrize("use_camera", [True, False])
+def test_wide_pictures_are_looked_at_closely(tmp_path, size_wh, looks, use_camera):
+    cam = camera(size_wh)
+    masks = draw(cam)
+    path = tmp_path / "one.png"
+    cv2.imwrite(str(path), np.repeat(masks.rail_score[..., None], 3, axis=2))
+
+    class Network:
+        class metadata:  # noqa: N801  # stands for the bundle's
+            input_size_wh = (640, 360)
+
+        seen: ClassVar[list[tuple[int, ...]]] = []
+
+        def __call__(self, rgb):
+            self.seen.append(rgb.shape[:2])
+            rail = np.ascontiguousarray(rgb[..., 0])
+            labelled = np.where(rail > 128, labels.RAIL_RAISED, labels.TRACKBED).astype(np.uint8)
+            return Segmentation(labelled, np.full_like(rail, 230), rail)
+
+    sample = Sample("one", path, None, None, cam)
+    (answer,) = judge_set([sample], Network(), use_camera=use_camera)
+    assert Network.seen == [size_wh[::-1], (360, 640)][:looks]
+    assert answer.said == "clear"
