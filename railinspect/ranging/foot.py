@@ -101,7 +101,8 @@ def refine_foot(
         The boundary between the thing's last row and the ground as ``foot_uv`` counts, and its
         deviation; None where the picture shows too little of thing or ground.
     """
-    box = finding.box_xyxy
+    left, top, right, bottom = finding.box_xyxy
+    box = float(left), float(top), float(right), float(bottom)
     u, v = (float(value) for value in finding.foot_uv)
     cell, metre = rgb.shape[1] / 640.0, float(metre_px)
     person = finding.type == "trespasser"
@@ -186,14 +187,17 @@ def _evidence(
     ground, beside_pixels = _ground(rgb, first, last, l0, l1, r0, r1)
     if pixels < _LEAST_PIXELS or beside_pixels < _LEAST_PIXELS:
         return first, none, none
-    verdict = np.log((body + 2e-3) / (ground + 2e-3))
+    verdict = np.full(_BINS**3, np.nan)
     count = last - first + 1
     total = np.zeros(count)
     for i in range(1, count):
         # Boundary above row ``first + i``: the verdicts of all rows above it add up.
         mean, taken = 0.0, 0
         for c in range(c0, c1, _stride(c0, c1)):
-            mean += verdict[_bin(rgb, first + i - 1, c)]
+            place = _bin(rgb, first + i - 1, c)
+            if np.isnan(verdict[place]):
+                verdict[place] = math.log((body[place] + 2e-3) / (ground[place] + 2e-3))
+            mean += verdict[place]
             taken += 1
         total[i] = total[i - 1] + min(2.0, max(-2.0, mean / taken))
     own, _ = _edges(rgb, first, count, c0, c1)
@@ -226,26 +230,31 @@ def _edges(rgb: Image, first: int, count: int, left: int, right: int) -> tuple[A
     The step lies between the two rows above row ``first + i`` and the two from it on, each three
     columns wide; the first row's is 0.
     """
-    total, taken = np.zeros(count), 0
-    band = np.empty((count + 3, 3))
-    for c in range(left, right, _stride(left, right)):
-        for i in range(count + 3):
-            row = first - 2 + i
+    stride = _stride(left, right)
+    taken = (right - left + stride - 1) // stride if right > left else 0
+    total = np.zeros(count)
+    # Row by row, as the picture lies in memory: sums of three columns, by channel.
+    band = np.empty((count + 3, 3, max(1, taken)), np.int32)
+    for i in range(count + 3):
+        row = first - 2 + i
+        for k in range(taken):
+            c = left + k * stride
             for channel in range(3):
-                band[i, channel] = (
-                    float(rgb[row, c - 1, channel])
-                    + float(rgb[row, c, channel])
-                    + float(rgb[row, c + 1, channel])
+                band[i, channel, k] = (
+                    np.int32(rgb[row, c - 1, channel])
+                    + np.int32(rgb[row, c, channel])
+                    + np.int32(rgb[row, c + 1, channel])
                 )
-        for i in range(1, count):
-            squared = 0.0
+    for i in range(1, count):
+        for k in range(taken):
+            squared = 0
             for channel in range(3):
-                step = band[i + 2, channel] + band[i + 3, channel]
-                step -= band[i, channel] + band[i + 1, channel]
-                squared += (step / 6.0) ** 2
-            total[i] += math.sqrt(squared)
-        taken += 1
-    return total / max(1, taken), taken
+                step = band[i + 2, channel, k] + band[i + 3, channel, k]
+                step -= band[i, channel, k] + band[i + 1, channel, k]
+                squared += step * step
+            total[i] += math.sqrt(float(squared))
+        total[i] /= 6.0 * max(1, taken)
+    return total, taken
 
 
 @numba.njit(cache=True)
@@ -301,14 +310,14 @@ def _ground(
 @numba.njit(cache=True)
 def _smoothed(colours: Array) -> Array:
     """A colour histogram blurred by one bin in each channel, of sum 1."""
-    size = len(colours)
-    for stride in (1, _BINS, _BINS * _BINS):
-        blurred = np.empty(size)
-        for i in range(size):
-            at = i // stride % _BINS
-            before = colours[i - stride] if at > 0 else 0.0
-            after = colours[i + stride] if at < _BINS - 1 else 0.0
-            blurred[i] = 0.6 * colours[i] + 0.2 * (before + after)
+    n = _BINS
+    for stride, blocks in ((1, n * n), (n, n), (n * n, 1)):
+        blurred = 0.6 * colours
+        for block in range(blocks):
+            first = block * n * stride
+            for i in range(first, first + (n - 1) * stride):
+                blurred[i] += 0.2 * colours[i + stride]
+                blurred[i + stride] += 0.2 * colours[i]
         colours = blurred
     shares: Array = colours / max(colours.sum(), 1e-9)
     return shares
