@@ -102,12 +102,13 @@ def beside(
 ) -> tuple[float, float, int]:
     """Chainage, metres to the left and nearest sample of one ground point, for compiled loops."""
     last = len(chainage_m) - 1
-    now = nxt = min(np.searchsorted(xy_m[:, 0], x), last)
+    now = nxt = min(int(np.searchsorted(xy_m[:, 0], x)), last)
     place, across = 0.0, 0.0
     for _ in range(4):
         now = nxt
         cos, sin = math.cos(heading_rad[now]), math.sin(heading_rad[now])
         dx, dy = x - xy_m[now, 0], y - xy_m[now, 1]
-        place, across = chainage_m[now] + dx * cos + dy * sin, dy * cos - dx * sin
-        nxt = min(np.searchsorted(chainage_m, place), last)
+        place = float(chainage_m[now] + dx * cos + dy * sin)
+        across = float(dy * cos - dx * sin)
+        nxt = min(int(np.searchsorted(chainage_m, place)), last)
     return place, across, now

@@ -78,7 +78,8 @@ def _place(
         return np.nan, np.nan, np.nan
     place, _, _ = beside(xy_m, heading_rad, chainage_m, x, y)
     last = len(chainage_m) - 1
-    i = min(max(np.searchsorted(chainage_m, place, side="right") - 1, 0), max(0, last - 1))
+    i = int(np.searchsorted(chainage_m, place, side="right")) - 1
+    i = min(max(i, 0), max(0, last - 1))
     j = min(i + 1, last)
     width = chainage_m[j] - chainage_m[i]
     share = min(1.0, max(0.0, (place - chainage_m[i]) / width)) if width > 0.0 else 0.0
