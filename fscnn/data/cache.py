@@ -12,9 +12,11 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import get_args
 
 from railinspect.errors import RailInspectError
 from railinspect.scenes import SceneSettings, write_images
+from railinspect.scenes.settings import Kind
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -29,10 +31,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--crowded", action="store_true", help="one to four anomalies on every ego track"
     )
+    parser.add_argument(
+        "--kind",
+        choices=get_args(Kind),
+        default="any",
+        help="kind of the scenes (default any)",
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     options = parser.parse_args(arguments)
     seeds = range(options.start, options.start + options.count)
-    settings = SceneSettings(crowded=options.crowded)
+    settings = SceneSettings(crowded=options.crowded, kind=options.kind)
     began = time.monotonic()
     try:
         for done, _ in enumerate(write_images(options.out, seeds, settings, options.workers), 1):

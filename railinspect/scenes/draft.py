@@ -89,6 +89,7 @@ class Draft:
     waves: list[tuple[float, ...]] = field(default_factory=list)
     zones: list[tuple[float, ...]] = field(default_factory=list)
     crossings: list[tuple[float, ...]] = field(default_factory=list)
+    turns: list[Array] = field(default_factory=list)
     things: list[Thing] = field(default_factory=list)
     light: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -104,6 +105,10 @@ class Draft:
     def along(self) -> Array:
         """Positions of the tables along the track, metres, step 1."""
         return np.arange(START_M, int(self.length_m + AHEAD_M) + 1, dtype=float)
+
+    def in_the_open(self, at: float) -> bool:
+        """Whether a place along the track lies off the junctions, where turns need the ground."""
+        return all(np.isnan(turn[np.abs(self.along - at) < 6.0]).all() for turn in self.turns)
 
     def next_id(self) -> int:
         """A fresh object id."""

@@ -30,6 +30,15 @@ RAIL_HEIGHT_M = 0.17
 FAR_M = 1500.0
 """Ground beyond this distance belongs to the backdrop, metres."""
 
+RAIL_SIDE_M = 0.045
+"""Height of the head's side face, metres: below it the web lies back in the head's shadow."""
+
+RAIL_FOOT_M = 0.14
+"""Depth below the rail top at which the foot begins, metres."""
+
+RAIL_WEB_HALF_M, RAIL_FOOT_HALF_M = 0.009, 0.072
+"""Half the width of the web and of the foot, metres."""
+
 LABEL_MIN_HALF_PX = 1.0
 """Half the least width at which a rail is labelled, pixels (the head's own width when wider)."""
 
@@ -113,6 +122,24 @@ def _overlap(centre, width, low, high):  # type: ignore[no-untyped-def]  # compi
     left = max(centre - width / 2, low)
     right = min(centre + width / 2, high)
     return max(0.0, right - left) / width
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+def _flank(top, bed, width, low, high, middle, half):  # type: ignore[no-untyped-def]  # compiled
+    """Share of a pixel in which a ray meets a bar ``middle`` ± ``half`` at depths low … high.
+
+    The ray crosses the rail-top surface at ``top`` and the bed, ``RAIL_HEIGHT_M`` below, at
+    ``bed``. Sideways it sweeps what lies between, widened by the pixel's footprint.
+    """
+    start = top + (bed - top) * (low / RAIL_HEIGHT_M)
+    end = top + (bed - top) * (high / RAIL_HEIGHT_M)
+    left = min(start, end) - width / 2
+    right = max(start, end) + width / 2
+    seen = min(right, middle + half) - max(left, middle - half)
+    if seen <= 0:
+        return 0.0
+    cover = min(1.0, seen / min(2 * half, right - left))
+    return cover * min(1.0, 2 * half / width + 0.15)
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -258,22 +285,29 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             # Which track is nearest, and is the point on a bed?
             nearest = -1
             distance = 1e9
+            top_distance = 1e9
             bed_cover = 0.0
             for k in range(count):
                 low = offsets[k, index]
                 high = offsets[k, index + 1]
                 if np.isnan(low) or np.isnan(high):
                     continue
-                gap = bed_left - (low + part * (high - low))
+                # Distances are square to the track, which may run aslant of the ego track.
+                aslant = high - low
+                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
+                gap = (bed_left - (low + part * aslant)) * lean
                 if abs(gap) < abs(distance):
                     distance = gap
+                    top_distance = (
+                        gap + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
+                    )
                     nearest = k
             if nearest >= 0 and tracks[nearest, TRACK_EMBEDDED] > 0:
                 flush = True
             left = top_left if flush else bed_left
             along = top_along if flush else bed_along
-            if flush and nearest >= 0:
-                distance += top_left - bed_left
+            if flush:
+                distance = top_distance
             texel = 1.0 / 0.022
             ta = (along + chainage) * texel
             tl = left * texel
@@ -390,59 +424,69 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                 high = offsets[k, index + 1]
                 if np.isnan(low) or np.isnan(high):
                     continue
-                middle = low + part * (high - low)
-                if abs(top_left - middle) > spacing + 0.8 + 2 * width:
+                # Where the ray meets both surfaces and its pixel's footprint, square to this track.
+                aslant = high - low
+                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
+                bed = (bed_left - low - part * aslant) * lean
+                top = bed + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
+                over = pixel_along * abs(aside * cos - sin - aslant * (cos + aside * sin))
+                wide = np.sqrt(pixel_x * pixel_x + over * over) * lean
+                if abs(top) > spacing + 0.8 + 2 * wide:
                     continue
                 embedded = flush
                 for side in (1.0, -1.0):
-                    rail = middle + side * half_gauge
+                    rail = side * half_gauge
                     if k == 0:
                         rail += displacement(waves, top_along, side)
                     if not embedded:
-                        # web and foot: the ray passes the rail's flank between the two surfaces
-                        flank_low = min(top_left, bed_left) - width / 2
-                        flank_high = max(top_left, bed_left) + width / 2
-                        reach = flank_high - flank_low
-                        seen = max(
-                            0.0,
-                            min(flank_high, rail + half_head) - max(flank_low, rail - half_head),
-                        )
-                        if seen > 0:
-                            cover = min(1.0, seen / min(2 * half_head, reach))
-                            cover *= min(1.0, 2 * half_head / width + 0.15)
-                            side_light = 0.75 if sun * (rail - left) > 0 else 0.5
-                            r += cover * (look[LOOK_RUST_R] * side_light - r)
-                            g += cover * (look[LOOK_RUST_G] * side_light - g)
-                            b += cover * (look[LOOK_RUST_B] * side_light - b)
                         # cast shadow on the bed, away from the sun
                         near = rail - sun * half_head
                         far = near - sun * RAIL_HEIGHT_M * 1.2
-                        cover = _overlap(bed_left, width, min(near, far), max(near, far))
+                        cover = _overlap(bed, wide, min(near, far), max(near, far))
                         cover *= look[LOOK_SHADOW] * 0.6
                         r *= 1 - cover
                         g *= 1 - cover
                         b *= 1 - cover
+                        # the flank, from the foot up: what lies higher hides what lies lower
+                        side_light = 0.75 if sun * (rail - bed) > 0 else 0.5
+                        for deep, deeper, half, gain in (
+                            (RAIL_FOOT_M, RAIL_HEIGHT_M, RAIL_FOOT_HALF_M, 1.15),
+                            (RAIL_SIDE_M, RAIL_FOOT_M, RAIL_WEB_HALF_M, 0.55),
+                            (0.0, RAIL_SIDE_M, half_head, 1.25),
+                        ):
+                            cover = _flank(top, bed, wide, deep, deeper, rail, half)
+                            if cover > 0:
+                                gain *= side_light
+                                r += cover * (look[LOOK_RUST_R] * gain - r)
+                                g += cover * (look[LOOK_RUST_G] * gain - g)
+                                b += cover * (look[LOOK_RUST_B] * gain - b)
                     else:
                         # flange groove on the inside of an embedded rail
                         groove = rail - side * (half_head + 0.03)
-                        cover = 0.75 * _overlap(top_left, width, groove - 0.03, groove + 0.03)
+                        cover = 0.75 * _overlap(top, wide, groove - 0.03, groove + 0.03)
                         r *= 1 - cover
                         g *= 1 - cover
                         b *= 1 - cover
-                    cover = _overlap(top_left, width, rail - half_head, rail + half_head)
+                    cover = _overlap(top, wide, rail - half_head, rail + half_head)
                     if cover > 0:
                         r += cover * (tracks[k, TRACK_HEAD_R] * 0.62 - r)
                         g += cover * (tracks[k, TRACK_HEAD_G] * 0.62 - g)
                         b += cover * (tracks[k, TRACK_HEAD_B] * 0.62 - b)
                         inner = rail - side * 0.008
-                        cover = _overlap(top_left, width, inner - 0.024, inner + 0.024)
+                        cover = _overlap(top, wide, inner - 0.024, inner + 0.024)
                         cover *= tracks[k, TRACK_SHINE]
                         r += cover * (tracks[k, TRACK_HEAD_R] - r)
                         g += cover * (tracks[k, TRACK_HEAD_G] - g)
                         b += cover * (tracks[k, TRACK_HEAD_B] - b)
-                    told_apart = spacing >= LABEL_MIN_GAP_PX * width
-                    half_label = max(half_head, LABEL_MIN_HALF_PX * width)
-                    if told_apart and abs(top_left - rail) <= half_label:
+                    # The label is the head as it is seen: of other tracks its side face too. The
+                    # ego rails are seen from above; theirs is the top alone, which gauge and range
+                    # are measured on.
+                    side_seen = 0.0
+                    if k > 0 and not embedded:
+                        side_seen = (bed - top) * (RAIL_SIDE_M / RAIL_HEIGHT_M)
+                    told_apart = spacing >= LABEL_MIN_GAP_PX * wide
+                    half_label = max(half_head + abs(side_seen) / 2, LABEL_MIN_HALF_PX * wide)
+                    if told_apart and abs(top - rail + side_seen / 2) <= half_label:
                         label = RAIL_EMBEDDED if embedded else RAIL_RAISED
 
             # Illumination: tunnels and shadows.

@@ -103,6 +103,8 @@ def _line_side(draft: Draft, limit: float, away: float, end: float) -> None:
             ["open", "fence", "wall", "barrier", "hedge", "cutting", "forest", "low"],
             p=[0.24, 0.15, 0.11, 0.07, 0.11, 0.10, 0.15, 0.07],
         )
+        if not all(draft.in_the_open(spot) for spot in np.arange(at, stop, 6.0)):
+            what = "open"  # nothing bars a street junction
         strip = partial(f.strip, kit, at, stop, near)
         if what == "fence":
             high = float(rng.uniform(0.9, 2.2))
@@ -170,13 +172,15 @@ def _line_side(draft: Draft, limit: float, away: float, end: float) -> None:
         spot = at
         while spot < stop:
             depth = float(rng.gamma(1.6, 6.0)) + (2.5 if what != "open" else 5.0)
-            f.tree(kit, rng, spot, near + away * depth, looks.foliage)
+            if draft.in_the_open(spot):
+                f.tree(kit, rng, spot, near + away * depth, looks.foliage)
             spot += float(rng.exponential(dense)) + 0.8
         built = {"tram": 0.9, "station": 0.5, "line": 0.22, "none": 0.6}[draft.kind]
         spot = at
         while spot < stop and rng.random() < built:
             start = near + away * float(rng.uniform(3, 9 if draft.kind == "tram" else 30))
-            f.building(kit, rng, spot, start, looks.sun_side)
+            if draft.in_the_open(spot):
+                f.building(kit, rng, spot, start, looks.sun_side)
             spot += float(rng.uniform(15, 60))
         at = stop
 

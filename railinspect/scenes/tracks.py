@@ -9,6 +9,9 @@ from railinspect.scenes.alignment import Alignment
 from railinspect.scenes.appearance import jitter
 from railinspect.scenes.draft import Array, Draft
 
+TURN_SLOPE, TURN_REACH_M = 2.2, 60.0
+"""How steeply a turn leaves the ego track, as a tangent, and how far aside it is laid, metres."""
+
 
 def draw_alignment(
     rng: np.random.Generator, end_m: float, min_radius_m: float, curvy: float
@@ -51,8 +54,12 @@ def add_track(
     used: bool = True,
     embedded: float = 0.0,
     like: tuple[float, ...] | None = None,
+    turn: bool = False,
 ) -> None:
-    """Lay a track; ``embedded`` 0 is open bed, 1 grooved in the ground, 2 in a paved strip."""
+    """Lay a track; ``embedded`` 0 is open bed, 1 grooved in the ground, 2 in a paved strip.
+
+    A ``turn`` leaves the corridor the tracks run in; the last tracks laid may be such.
+    """
     rng = draft.rng
     if like is not None and rng.random() < 0.7:
         base = list(like)
@@ -79,7 +86,7 @@ def add_track(
         ]
     base[g.TRACK_SHINE : g.TRACK_HEAD_B + 1] = _rail_colours(rng, used)
     base[g.TRACK_EMBEDDED] = embedded
-    draft.offsets.append(offset)
+    (draft.turns if turn else draft.offsets).append(offset)
     draft.tracks.append(tuple(float(b) for b in base))
 
 
@@ -116,6 +123,9 @@ def lay_tracks(draft: Draft) -> None:
         add_track(draft, offset, rng.random() < 0.75, embedded, ego)
         if rng.random() < (0.5 if draft.kind == "station" else 0.3):
             _add_switch(draft, target, embedded, ego)
+    if draft.kind == "tram" and rng.random() < 0.5:
+        _add_junction(draft, ego)
+        return
     if rng.random() < 0.12:  # a siding that leaves and runs away
         _add_switch(draft, float(rng.choice([-1.0, 1.0])) * rng.uniform(4, 14), embedded, ego)
 
@@ -131,3 +141,38 @@ def _add_switch(draft: Draft, target: float, embedded: float, like: tuple[float,
     parked = np.abs(offset - target) < 1e-3
     offset[outside | parked] = np.nan
     add_track(draft, offset, rng.random() < 0.7, embedded, like)
+
+
+def _add_junction(draft: Draft, like: tuple[float, ...]) -> None:
+    """A street junction: every track turns off on one side, another line may cross."""
+    rng, along = draft.rng, draft.along
+    start = float(rng.uniform(-8, 30))
+    radius, side = float(rng.uniform(22, 45)), float(rng.choice([-1.0, 1.0]))
+    facing = rng.random() < 0.5
+    middles = [float(o[0]) for o in draft.offsets if np.isfinite(o).all()]
+    courses = [_turn(along, start, radius, side, middle, facing) for middle in middles]
+    if rng.random() < 0.4:
+        slope = float(rng.choice([-1.0, 1.0]) * rng.uniform(1.2, TURN_SLOPE))
+        middle = start + float(rng.uniform(10, 30))
+        for aside in (0.0, float(rng.uniform(3.0, 3.8))):
+            courses.append(slope * (along - middle) + aside * np.hypot(1.0, slope))
+    for course in courses:
+        course[np.abs(course) > TURN_REACH_M] = np.nan
+        add_track(draft, course, rng.random() < 0.75, 1.0, like, turn=True)
+    ways = along[np.isfinite(np.array(courses)).any(axis=0)]
+    asphalt = jitter(rng, (104, 104, 106), 0.25)
+    draft.crossings.append((ways.min() - 2.0, ways.max() + 2.0, *asphalt, 0.0))
+
+
+def _turn(
+    along: Array, start: float, radius: float, side: float, middle: float, facing: bool
+) -> Array:
+    """Lateral offset of an arc that leaves a track and runs on straight; NaN before it."""
+    # Parallel tracks turn about one centre.
+    radius -= side * middle
+    into = along - start if facing else start + radius - along
+    steep = TURN_SLOPE / np.hypot(1.0, TURN_SLOPE)
+    on_arc = np.clip(into / radius, 0.0, steep)
+    beyond = np.maximum(into / radius - steep, 0.0)
+    aside = radius * (1.0 - np.sqrt(1.0 - on_arc**2) + TURN_SLOPE * beyond)
+    return np.asarray(np.where(into > 0, middle + side * aside, np.nan))

@@ -47,7 +47,7 @@ def finish(draft: Draft, seed: int, alignment: Alignment, camera: Camera) -> Wor
         alignment=alignment,
         camera=camera,
         looks=draft.looks,
-        offsets=np.array(draft.offsets, float).reshape(-1, size)
+        offsets=np.array([*draft.offsets, *draft.turns], float).reshape(-1, size)
         if draft.offsets
         else np.full((1, size), np.nan),
         tracks=np.array(draft.tracks, float).reshape(-1, 12) if draft.tracks else np.zeros((1, 12)),

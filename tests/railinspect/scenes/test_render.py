@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
-from railinspect.labels import CLASSES, HUMAN, RAILS
+from railinspect.labels import CLASSES, HUMAN, RAIL_HEAD_WIDTH_M, RAIL_RAISED, RAILS
 from railinspect.scenes import (
     Ride,
     SceneSettings,
@@ -20,9 +20,10 @@ from railinspect.scenes import (
     write_images,
 )
 from railinspect.scenes.dataset import IMAGES, MASKS
-from railinspect.scenes.ground import FAR_M
+from railinspect.scenes.ground import FAR_M, RAIL_SIDE_M
 from railinspect.scenes.planting import plant
 from railinspect.scenes.render import Rendered, rail_points, view
+from railinspect.scenes.tracks import TURN_REACH_M, add_track
 from railinspect.scenes.world import begin, finish
 
 SMALL = (320, 180)
@@ -84,6 +85,83 @@ def level_world(seed: int = 3, fov: float = 0.9) -> tuple:
         alignment, curvature_per_m=alignment.curvature_per_m * 0, gradient=alignment.gradient * 0
     )
     return draft, level, camera
+
+
+@pytest.mark.parametrize(("lateral_m", "side_face_m"), [(0.0, 0.0), (-4.5, RAIL_SIDE_M)])
+def test_a_rail_is_labelled_as_wide_as_its_head_is_seen(
+    lateral_m: float, side_face_m: float
+) -> None:
+    """The ego track's heads from above, another track's with the side face towards the camera."""
+    draft, level, camera = level_world(fov=0.5)
+    draft.offsets[1:], draft.tracks[1:] = [], []
+    if lateral_m:
+        add_track(draft, np.full(draft.along.size, lateral_m), like=draft.tracks[0])
+    world = finish(draft, 3, level, camera)
+    picture = view(world, np.random.default_rng(0))
+    along = np.linspace(20.0, 26.0, 13)
+    half = RAIL_HEAD_WIDTH_M / 2
+    nearer = lateral_m + world.spacing_m / 2  # left of the camera's middle only for the ego track
+    towards = 1.0 if lateral_m else -1.0
+
+    def column(across: float, height: float, row: float) -> float:
+        """Column where the line at this lateral position and height crosses the row."""
+        edge = np.column_stack(
+            [np.linspace(8, 60, 400), np.full(400, across), np.full(400, height)]
+        )
+        pixels = camera.project(edge)
+        return float(np.interp(row, pixels[::-1, 1], pixels[::-1, 0]))
+
+    rows = np.round(camera.project(rail_points(world, level.local(0.0, FAR_M), 0.0, along, 1.0)))
+    widths, expected = [], []
+    for row in np.unique(rows[:, 1].astype(int)):
+        near_edge = column(nearer + towards * half, -side_face_m, row)
+        far_edge = column(nearer - towards * half, 0.0, row)
+        low, high = sorted((near_edge, far_edge))
+        labels = picture.labels[row, int(low) - 6 : int(high) + 7]
+        widths.append(int((labels == RAIL_RAISED).sum()))
+        expected.append(high - low)
+    assert len(widths) > 10
+    assert np.mean(widths) == pytest.approx(np.mean(expected), abs=0.35)
+    assert min(expected) > 2.5
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.7, -2.2])
+def test_the_gauge_is_square_to_a_track_that_runs_aslant(slope: float) -> None:
+    draft, level, camera = level_world(fov=1.2)
+    draft.offsets[1:], draft.tracks[1:] = [], []
+    draft.kit = type(draft.kit)()  # nothing stands before it
+    course = 6.0 + slope * (draft.along - 25.0)
+    add_track(draft, course, like=draft.tracks[0])
+    world = finish(draft, 3, level, camera)
+    picture = view(world, np.random.default_rng(0))
+    along = np.linspace(23.0, 27.0, 33)
+    normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
+    found = []
+    for side in (1.0, -1.0):
+        middle = np.column_stack([along, 6.0 + slope * (along - 25.0)])
+        head = middle + side * world.spacing_m / 2 * normal
+        points = np.column_stack([head, np.zeros(len(head))])
+        u, v = np.round(camera.project(points)).astype(int).T
+        found.append(np.isin(picture.labels[v, u], RAILS).mean())
+    assert min(found) > 0.9
+
+
+def test_a_junction_turns_every_tram_track_and_keeps_the_street_open() -> None:
+    """Turns leave the corridor on one side, on paved ground; the ego track runs straight on."""
+    tram = SceneSettings(kind="tram")
+    drafts = [begin(seed, tram)[0] for seed in range(40)]
+    junctions = [draft for draft in drafts if draft.turns]
+    assert 8 < len(junctions) < 32
+    for draft in junctions:
+        assert (draft.offsets[0] == 0.0).all()
+        near, far = draft.crossings[0][:2]
+        for turn in draft.turns:
+            there = np.isfinite(turn)
+            assert there.any()
+            assert near < draft.along[there].min() < draft.along[there].max() < far
+            assert np.abs(turn[there]).max() <= TURN_REACH_M
+            assert not draft.in_the_open(float(draft.along[there].mean()))
+        assert draft.in_the_open(far + 10.0)
 
 
 def test_depth_of_level_ground_is_the_camera_models() -> None:
