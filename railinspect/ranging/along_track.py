@@ -13,8 +13,8 @@ from railinspect.camera import Camera
 from railinspect.findings import Finding
 from railinspect.labels import HUMAN
 from railinspect.ranging.at_foot import commonest_class, foot_place
-from railinspect.ranging.foot import refine_foot
-from railinspect.ranging.fusion import Absent, Estimate, Range, combine
+from railinspect.ranging.foot import FootRow, refine_foot
+from railinspect.ranging.fusion import Z95, Absent, Estimate, Range, combine
 from railinspect.ranging.ground_level import BED_STD_M, ground_level, lying_level
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
@@ -61,9 +61,9 @@ class RangingSettings:
 
     foot_std_px: float = 0.8
     foot_mask_m: float = 0.20
-    wheels_m: float = 0.08
-    foot_picture_m: float = 0.06
-    foot_along_m: float = 0.08
+    wheels_m: float = 0.10
+    foot_picture_m: float = 0.045
+    foot_along_m: float = 0.065
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
     extent_std_px: float = 1.5
@@ -140,12 +140,12 @@ class FrameRanging:
         """
         on_ground = self._on_ground(finding)
         pair = self._by_stereo(finding)
-        estimates = [] if isinstance(on_ground, Absent) else on_ground
+        estimates, tails = ([], {}) if isinstance(on_ground, Absent) else on_ground
         if pair is not None:
             estimates = [*estimates, pair]
         elif isinstance(on_ground, Absent):
             return on_ground
-        fused = combine(estimates)
+        fused = combine(estimates, tails)
         if finding.foot_uv[1] >= self._track.camera.size_wh[1] - 1 and pair is None:
             return _at_most(fused)
         if fused.std_m > self._settings.worst_rel * fused.range_m:
@@ -158,8 +158,13 @@ class FrameRanging:
             )
         return fused
 
-    def _on_ground(self, finding: Finding) -> list[Estimate] | Absent:
-        """What the foot's place on the track says, and the thing's size beside it."""
+    def _on_ground(
+        self, finding: Finding
+    ) -> tuple[list[Estimate], dict[str, tuple[float, float]]] | Absent:
+        """What the foot's place on the track says, and the thing's size beside it.
+
+        With it the reach of those errors that are not normal, as :func:`.combine` takes it.
+        """
         track, settings = self._track, self._settings
         path = track.path
         if path is None:
@@ -176,6 +181,7 @@ class FrameRanging:
                 f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
             )
         foot_std_px = settings.foot_std_px * px
+        tails: dict[str, tuple[float, float]] = {}
         left, top, right, bottom = finding.box_xyxy
         box = float(left), float(top), float(right), float(bottom)
         kind = -1 if self._labels is None else commonest_class(self._labels, box)
@@ -188,8 +194,15 @@ class FrameRanging:
                 mask_m = settings.wheels_m if kind in WHEELED else settings.foot_mask_m
                 foot_std_px = math.hypot(foot_std_px, mask_m * metre)
             else:
-                foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
-                row = seen[0]
+                own = settings.foot_picture_m * metre
+                foot_std_px = math.hypot(seen.std_px, own)
+                tails = {
+                    "row": (
+                        math.hypot(seen.below_px, Z95 * own) / foot_std_px,
+                        math.hypot(seen.above_px, Z95 * own) / foot_std_px,
+                    )
+                }
+                row = seen.row
         if row != foot_uv[1]:  # no second search of the track: the plane's rows are known
             horizon = self._horizon_at(foot_uv[0])
             plane_m *= (foot_uv[1] - horizon) / max(1.0, row - horizon)
@@ -203,7 +216,7 @@ class FrameRanging:
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
         size = None if gauge is None else self._by_size(finding, kind)
-        return [e for e in (gauge, plane, size) if e is not None]
+        return [e for e in (gauge, plane, size) if e is not None], tails
 
     @cached_property
     def _horizon(self) -> tuple[float, float]:
@@ -215,10 +228,8 @@ class FrameRanging:
     def _horizon_at(self, u: float) -> float:
         return self._horizon[0] + self._horizon[1] * u
 
-    def _row_in_picture(
-        self, finding: Finding, kind: int, metre_px: float
-    ) -> tuple[float, float] | None:
-        """Row of the foot as the picture shows it and its deviation; None where it does not."""
+    def _row_in_picture(self, finding: Finding, kind: int, metre_px: float) -> FootRow | None:
+        """Row of the foot as the picture shows it; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
         if kind in WHEELED:

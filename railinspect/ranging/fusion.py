@@ -97,7 +97,9 @@ class Estimate:
         return math.hypot(*self.errors.values(), *self.biases.values())
 
 
-def combine(estimates: Sequence[Estimate]) -> Range:
+def combine(
+    estimates: Sequence[Estimate], tails: Mapping[str, tuple[float, float]] | None = None
+) -> Range:
     """Minimum-variance combination of the logarithms of ranges with shared errors.
 
     With the covariance C of the log-ranges, weights are C⁻¹·1 / (1ᵀ·C⁻¹·1) and the variance is
@@ -106,6 +108,8 @@ def combine(estimates: Sequence[Estimate]) -> Range:
 
     Args:
         estimates: At least one.
+        tails: Of errors that are not normal: how many of its standard deviations the range may be
+            too long, and too short, by this cause in all but 2.5 % of cases each (1.96 if normal).
 
     Example:
         >>> one = Estimate("a", 100.0, {"own a": 0.1}, {"shared": 0.05})
@@ -127,10 +131,11 @@ def combine(estimates: Sequence[Estimate]) -> Range:
     weight, agrees = found[4::2], found[5::2]
     sigma = math.sqrt(variance)
     range_m = math.exp(mean)
+    longer, shorter = _reach(estimates, weight, variance, tails or {})
     return Range(
         range_m,
         range_m * sigma,
-        interval(range_m, sigma),
+        (range_m * math.exp(-longer), range_m * math.exp(shorter)),
         "+".join(e.method for e, w in zip(estimates, weight, strict=True) if w > 0.02),
         range_m * math.sqrt(noise_part),
         range_m * math.sqrt(bias_part),
@@ -139,6 +144,23 @@ def combine(estimates: Sequence[Estimate]) -> Range:
             for e, a in zip(estimates, agrees, strict=True)
         ),
     )
+
+
+def _reach(
+    estimates: Sequence[Estimate],
+    weight: Sequence[float],
+    variance: float,
+    tails: Mapping[str, tuple[float, float]],
+) -> tuple[float, float]:
+    """How far down and up the 95 % interval of the log-range reaches."""
+    low, high = 0.0, 0.0
+    for cause, (longer, shorter) in tails.items():
+        own = sum(w * e.errors.get(cause, 0.0) for e, w in zip(estimates, weight, strict=True))
+        variance = max(0.0, variance - own**2)
+        low += (longer * own) ** 2
+        high += (shorter * own) ** 2
+    normal = Z95**2 * variance
+    return math.sqrt(normal + low), math.sqrt(normal + high)
 
 
 def interval(range_m: float, rel: float) -> tuple[float, float]:

@@ -128,9 +128,11 @@ def fit(
     if used < least_rows:
         none = np.empty(0)
         return 0, none, np.empty((0, 0)), 0.0, none, none, 0.0
-    x, t, apart, sigma = rows[0, :used], rows[1, :used], rows[2, :used], rows[3, :used]
-    solution, covariance, scatter = solve(x, t, apart, sigma, height_m, spread, correlated)
-    slope_t, far = _ground(solution, x, beyond)
+    away, tangent, spacing, sigma = (rows[0, :used], rows[1, :used], rows[2, :used], rows[3, :used])
+    solution, covariance, scatter = solve(
+        away, tangent, spacing, sigma, height_m, spread, correlated
+    )
+    slope_t, far = _ground(solution, away, beyond)
     chainage = _chainages(path_uv, seen, slope_t, turn, cos_p, sin_p)
     return used, solution, covariance, scatter, slope_t, chainage, far
 
