@@ -4,7 +4,7 @@ Rendered rides of 1920×1080 with a focal length of 3000 px, 2.5 m above the rai
 (``--bundle`` adds the shipped network with its closer look); rendered stereo pairs; a ride that
 calibrates its own camera; the rolling-shutter sensor; closing speed from one second of video; time
 per finding as processor time. Frames are chosen so that each planted thing is seen from three of
-six distances. The error model was set on rides 400–423; figures are stated on others.
+six distances. The error model was set on rides 600–619; figures are stated on others.
 ``--parts`` runs some of it; the defaults fit into ten minutes on two quiet cores.
 """
 
@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 
 from benchmarks.common import Measure, parser, publish
+from benchmarks.ranging_plots import plots
 from railinspect.camera import Camera
 from railinspect.evaluation import true_segmentation
 from railinspect.findings import Finding, find
@@ -349,55 +350,6 @@ def _shutter() -> list[Measure]:
         Measure("lateral speed, RMS of the simulation", rms, "m/s"),
         Measure("lateral speed, worst case by (16)", formula, "m/s", 0.13),
     ]
-
-
-def plots(folder: Path) -> None:
-    """Table 1 and Fig. 6 as printed and with consistent units."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    from railinspect.ranging import as_printed
-    from railinspect.ranging.goniometric import angle_error
-    from railinspect.ranging.rolling_shutter import blur_range_error
-
-    step = 0.47e-3
-    away = np.linspace(2.0, 20.0, 60)
-    pair = StereoCamera(1 / step, 2.5, (0.0, 0.0))
-    figure, (one, two) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
-    curves = {
-        "stereo, printed": ([as_printed.stereo_error(d, 2.5, 0.1, step) for d in away], "C0:"),
-        "stereo, consistent": (list(pair.noise_m(pair.focal_px * 2.5 / away, 1.0)), "C0-"),
-        "goniometer, printed": (
-            [as_printed.goniometer_error(d, 2.7, 0.1, step) for d in away],
-            "C1:",
-        ),
-        "goniometer, root sum square": (
-            [angle_error(d, 2.7, 0.1, step).std_m for d in away],
-            "C1-",
-        ),
-        "blur sensor": ([blur_range_error(d, 2.5, step) for d in away], "C2-"),
-    }
-    for name, (errors, style) in curves.items():
-        one.plot(away, errors, style, label=name)
-    one.set(xlabel="range, m", ylabel="error of the range, m", title="Table 1, all ranges")
-    one.set_yscale("log")
-    one.legend(fontsize=8)
-    for lens, style in (("angle-linear", "C2-"), ("pinhole", "C3--")):
-        sensor = ShutterSensor(lens=lens)
-        speeds = np.linspace(0.5, 25.0, 60)
-        shifts = sensor.pixels(speeds * 836e-4)
-        errors = [lateral_error(1.0, float(s), 836, sensor) for s in shifts]
-        two.plot(speeds * 3.6, errors, style, label=f"(15), {lens}")
-        rolled = [lateral_error(1.0, float(s), 836, sensor, 0.01, math.radians(1)) for s in shifts]
-        two.plot(speeds * 3.6, rolled, style, alpha=0.5, label=f"(16), {lens}")
-    two.axhline(0.13, color="grey", lw=0.8)
-    two.set(xlabel="speed, km/h", ylabel="error of the speed, m/s", title="Figs. 6 and 7")
-    two.legend(fontsize=8)
-    folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(folder / "ranging_paper.png", dpi=110)
-    plt.close(figure)
 
 
 def main() -> None:
