@@ -161,7 +161,7 @@ def _refined(
             log_p[i] += math.log(
                 math.exp(-0.5 * ((tall - STANDING_M) / STANDING_STD_M) ** 2) + NOT_STANDING
             )
-    best = np.argmax(log_p)
+    best = int(np.argmax(log_p))
     share, squared = 0.0, 0.0
     for i in range(count):
         log_p[i] = math.exp(log_p[i] - log_p[best])
