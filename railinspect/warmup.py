@@ -19,7 +19,7 @@ from railinspect.segmenter import Segmentation
 from railinspect.video import Frame
 from railops.braking import Train
 
-_SIZE_WH = (640, 360)
+_SIZE_WH = (1024, 576)  # from COARSE_PX on feet are looked up in the picture
 
 
 @functools.cache

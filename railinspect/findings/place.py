@@ -35,17 +35,35 @@ def _on_ground(
     camera_from_world: Array, camera: tuple[float, float, float, float, float], uv: Array
 ) -> Array:
     """:meth:`railinspect.camera.Camera.ground` for many small calls: NaN from the horizon up."""
+    world = np.empty(uv.shape)
+    for i in range(len(uv)):
+        world[i, 0], world[i, 1] = ground_point(camera_from_world, camera, uv[i, 0], uv[i, 1])
+    return world
+
+
+@numba.njit(cache=True)
+def ground_point(
+    camera_from_world: Array, camera: tuple[float, float, float, float, float], u: float, v: float
+) -> tuple[float, float]:
+    """World x and y, metres, of one undistorted pixel, for the compiled loops; NaN likewise.
+
+    Args:
+        camera_from_world: The camera's rotation, shape (3, 3).
+        camera: Its focal length and principal point (px), height and offset (m).
+        u: Column, pixels.
+        v: Row, pixels.
+    """
     focal, centre_u, centre_v, height, offset = camera
     turn = camera_from_world
-    world = np.full(uv.shape, np.nan)
-    for i in range(len(uv)):
-        a, b = (uv[i, 0] - centre_u) / focal, (uv[i, 1] - centre_v) / focal
-        drop = a * turn[0, 2] + b * turn[1, 2] + turn[2, 2]
-        if drop < -1e-9:
-            scale = -height / drop
-            world[i, 0] = scale * (a * turn[0, 0] + b * turn[1, 0] + turn[2, 0])
-            world[i, 1] = scale * (a * turn[0, 1] + b * turn[1, 1] + turn[2, 1]) + offset
-    return world
+    a, b = (u - centre_u) / focal, (v - centre_v) / focal
+    drop = a * turn[0, 2] + b * turn[1, 2] + turn[2, 2]
+    if drop >= -1e-9:
+        return np.nan, np.nan
+    scale = -height / drop
+    return (
+        scale * (a * turn[0, 0] + b * turn[1, 0] + turn[2, 0]),
+        scale * (a * turn[0, 1] + b * turn[1, 1] + turn[2, 1]) + offset,
+    )
 
 
 def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, Indices]:
@@ -68,19 +86,29 @@ def track_coordinates(path: TrackPath, world_xy: Array) -> tuple[Array, Array, I
 def _coordinates(
     xy_m: Array, heading_rad: Array, half_m: Array, chainage_m: Array, world_xy: Array
 ) -> tuple[Array, Array, Indices]:
-    last = len(chainage_m) - 1
     nearest = np.median(half_m[: max(3, len(half_m) // 4)])
     count = len(world_xy)
     chainage, lateral = np.empty(count), np.empty(count)
     at = np.empty(count, np.intp)
     for i in range(count):
-        now = nxt = min(np.searchsorted(xy_m[:, 0], world_xy[i, 0]), last)
-        place, across = 0.0, 0.0
-        for _ in range(4):
-            now = nxt
-            cos, sin = math.cos(heading_rad[now]), math.sin(heading_rad[now])
-            dx, dy = world_xy[i, 0] - xy_m[now, 0], world_xy[i, 1] - xy_m[now, 1]
-            place, across = chainage_m[now] + dx * cos + dy * sin, dy * cos - dx * sin
-            nxt = min(np.searchsorted(chainage_m, place), last)
+        place, across, now = beside(xy_m, heading_rad, chainage_m, world_xy[i, 0], world_xy[i, 1])
         chainage[i], lateral[i], at[i] = place, across * nearest / half_m[now], now
     return chainage, lateral, at
+
+
+@numba.njit(cache=True)
+def beside(
+    xy_m: Array, heading_rad: Array, chainage_m: Array, x: float, y: float
+) -> tuple[float, float, int]:
+    """Chainage, metres to the left and nearest sample of one ground point, for compiled loops."""
+    last = len(chainage_m) - 1
+    now = nxt = min(int(np.searchsorted(xy_m[:, 0], x)), last)
+    place, across = 0.0, 0.0
+    for _ in range(4):
+        now = nxt
+        cos, sin = math.cos(heading_rad[now]), math.sin(heading_rad[now])
+        dx, dy = x - xy_m[now, 0], y - xy_m[now, 1]
+        place = float(chainage_m[now] + dx * cos + dy * sin)
+        across = float(dy * cos - dx * sin)
+        nxt = min(int(np.searchsorted(chainage_m, place)), last)
+    return place, across, now

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.camera import Camera
-from railinspect.findings import Finding, place_on_track
+from railinspect.findings import Finding
 from railinspect.labels import HUMAN
-from railinspect.ranging.foot import refine_foot
-from railinspect.ranging.fusion import Absent, Estimate, Range, combine
-from railinspect.ranging.ground_level import BED_STD_M, class_counts, ground_level, thickness
+from railinspect.ranging.at_foot import commonest_class, foot_place
+from railinspect.ranging.foot import FootRow, refine_foot
+from railinspect.ranging.fusion import Z95, Absent, Estimate, Range, combine
+from railinspect.ranging.ground_level import BED_STD_M, ground_level, lying_level
 from railinspect.ranging.ground_plane import GRADIENT_STD, VERTICAL_CURVATURE_STD
 from railinspect.ranging.known_sizes import KNOWN_SIZES, WHEELED
 from railinspect.ranging.stereo_view import StereoView
@@ -28,9 +29,6 @@ Image = npt.NDArray[np.uint8]
 
 COARSE_PX = 1000
 """From this width on the shipped network's masks are coarser than the picture, pixels."""
-
-_LOOKED_AT = 500
-"""Pixels of a thing that tell its class."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +61,9 @@ class RangingSettings:
 
     foot_std_px: float = 0.8
     foot_mask_m: float = 0.20
-    wheels_m: float = 0.08
-    foot_picture_m: float = 0.06
-    foot_along_m: float = 0.08
+    wheels_m: float = 0.10
+    foot_picture_m: float = 0.045
+    foot_along_m: float = 0.065
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
     extent_std_px: float = 1.5
@@ -142,12 +140,12 @@ class FrameRanging:
         """
         on_ground = self._on_ground(finding)
         pair = self._by_stereo(finding)
-        estimates = [] if isinstance(on_ground, Absent) else on_ground
+        estimates, tails = ([], {}) if isinstance(on_ground, Absent) else on_ground
         if pair is not None:
             estimates = [*estimates, pair]
         elif isinstance(on_ground, Absent):
             return on_ground
-        fused = combine(estimates)
+        fused = combine(estimates, tails)
         if finding.foot_uv[1] >= self._track.camera.size_wh[1] - 1 and pair is None:
             return _at_most(fused)
         if fused.std_m > self._settings.worst_rel * fused.range_m:
@@ -160,68 +158,83 @@ class FrameRanging:
             )
         return fused
 
-    def _on_ground(self, finding: Finding) -> list[Estimate] | Absent:
-        """What the foot's place on the track says, and the thing's size beside it."""
+    def _on_ground(
+        self, finding: Finding
+    ) -> tuple[list[Estimate], dict[str, tuple[float, float]]] | Absent:
+        """What the foot's place on the track says, and the thing's size beside it.
+
+        With it the reach of those errors that are not normal, as :func:`.combine` takes it.
+        """
         track, settings = self._track, self._settings
         path = track.path
         if path is None:
             return Absent("no track was found, so there is no scale")
         px = track.camera.size_wh[0] / 640.0
-        plane_m = float(place_on_track(track, finding.foot_uv[None, :])[0][0])
+        foot_uv = float(finding.foot_uv[0]), float(finding.foot_uv[1])
+        plane_m, spacing_px, metre = foot_place(track, *foot_uv)
         if not (math.isfinite(plane_m) and plane_m > 0):
             return Absent("the foot lies at or above the horizon")
         if plane_m > float(path.chainage_m[-1]):
             return Absent("the foot lies beyond the track that is seen")
-        across = float(np.interp(plane_m, path.chainage_m, path.across_px))
-        half = float(np.interp(plane_m, path.chainage_m, path.half_m))
-        spacing_px = 2.0 * half * across
         if spacing_px < settings.least_spacing_px * px:
             return Absent(
                 f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
             )
-        metre = float(np.interp(plane_m, path.chainage_m, path.metre_px))
         foot_std_px = settings.foot_std_px * px
-        kind = self._class_of(finding)
+        tails: dict[str, tuple[float, float]] = {}
+        left, top, right, bottom = finding.box_xyxy
+        box = float(left), float(top), float(right), float(bottom)
+        kind = -1 if self._labels is None else commonest_class(self._labels, box)
+        row = foot_uv[1]
         if self._labels is not None and kind in WHEELED:
-            row = wheels_row(self._labels, kind, finding, metre)
-            finding, plane_m = self._moved(finding, row, plane_m)
+            row = wheels_row(self._labels, kind, foot_uv, metre)
         if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
             seen = self._row_in_picture(finding, kind, metre)
             if seen is None:
                 mask_m = settings.wheels_m if kind in WHEELED else settings.foot_mask_m
                 foot_std_px = math.hypot(foot_std_px, mask_m * metre)
             else:
-                foot_std_px = math.hypot(seen[1], settings.foot_picture_m * metre)
-                finding, plane_m = self._moved(finding, seen[0], plane_m)
+                own = settings.foot_picture_m * metre
+                foot_std_px = math.hypot(seen.std_px, own)
+                tails = {
+                    "row": (
+                        math.hypot(seen.below_px, Z95 * own) / foot_std_px,
+                        math.hypot(seen.above_px, Z95 * own) / foot_std_px,
+                    )
+                }
+                row = seen.row
+        if row != foot_uv[1]:  # no second search of the track: the plane's rows are known
+            horizon = self._horizon_at(foot_uv[0])
+            plane_m *= (foot_uv[1] - horizon) / max(1.0, row - horizon)
+            foot_uv = foot_uv[0], row
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
         level, level_std = (0.0, 0.0)
         if finding.type != "distortion":
-            level, level_std = self._level(finding, kind, metre)
+            level, level_std = self._level(foot_uv, box, kind, metre)
         plane = self._by_plane(plane_m, level, level_std, foot_std_px)
-        gauge = self._by_gauge(finding, level, level_std, foot_std_px)
+        gauge = self._by_gauge(foot_uv, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
         size = None if gauge is None else self._by_size(finding, kind)
-        return [e for e in (gauge, plane, size) if e is not None]
+        return [e for e in (gauge, plane, size) if e is not None], tails
 
-    def _moved(self, finding: Finding, row: float, plane_m: float) -> tuple[Finding, float]:
-        """The finding with its foot in another row, and its distance on the plane, metres."""
-        u, v = (float(value) for value in finding.foot_uv)
-        if row == v:
-            return finding, plane_m
-        horizon = self._track.camera.horizon_v(u)
-        moved = replace(finding, foot_uv=np.array([u, row]))
-        return moved, plane_m * (v - horizon) / max(1.0, row - horizon)
+    @cached_property
+    def _horizon(self) -> tuple[float, float]:
+        """The horizon's row at column 0 and how it changes by column."""
+        camera = self._track.camera
+        at, middle = camera.horizon_v(0.0), camera.horizon_v()
+        return at, (middle - at) / camera.principal_uv[0]
 
-    def _row_in_picture(
-        self, finding: Finding, kind: int, metre_px: float
-    ) -> tuple[float, float] | None:
-        """Row of the foot as the picture shows it and its deviation; None where it does not."""
+    def _horizon_at(self, u: float) -> float:
+        return self._horizon[0] + self._horizon[1] * u
+
+    def _row_in_picture(self, finding: Finding, kind: int, metre_px: float) -> FootRow | None:
+        """Row of the foot as the picture shows it; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
         if kind in WHEELED:
             return None  # between the wheels the body ends above the ground
-        horizon = self._track.camera.horizon_v(float(finding.foot_uv[0]))
+        horizon = self._horizon_at(float(finding.foot_uv[0]))
         return refine_foot(self._rgb, self._labels, finding, metre_px, horizon)
 
     def _by_stereo(self, finding: Finding) -> Estimate | None:
@@ -240,10 +253,14 @@ class FrameRanging:
         return replace(found, range_m=along).estimate() if along > 0 else None
 
     def _by_gauge(
-        self, finding: Finding, level_m: float, level_std_m: float, foot_std_px: float
+        self,
+        foot_uv: tuple[float, float],
+        level_m: float,
+        level_std_m: float,
+        foot_std_px: float,
     ) -> Estimate | None:
         """The rails' spacing, over the whole track, at the foot's row."""
-        foot = None if self.scale is None else self.scale.at(finding.foot_uv, level_m)
+        foot = None if self.scale is None else self.scale.at(foot_uv, level_m)
         if foot is None:
             return None
         given, settings = self._given, self._settings
@@ -317,35 +334,23 @@ class FrameRanging:
             opinion=True,
         )
 
-    def _level(self, finding: Finding, kind: int, metre_px: float) -> tuple[float, float]:
+    def _level(
+        self,
+        foot_uv: tuple[float, float],
+        box_xyxy: tuple[float, float, float, float],
+        kind: int,
+        metre_px: float,
+    ) -> tuple[float, float]:
         """Height of what the thing stands on against the rail tops, and its deviation, metres."""
         if self._settings.stands_on_m is not None:
             return self._settings.stands_on_m, 0.0
-        level, level_std = ground_level(
-            self._labels, finding.foot_uv, metre_px, self._settings.bed_std_m
-        )
-        if self._labels is None:
-            return level, level_std
-        left, top, right, bottom = (round(value) for value in finding.box_xyxy)
-        # A trunk or a pole longer than the gauge may lie across the rails.
-        wide = right - left + 1
-        if wide <= self._given.rail_spacing_m * metre_px or kind in WHEELED:
-            return level, level_std
-        if wide < 3.0 * thickness(self._labels, kind, (left, top, right, bottom)):
-            return level, level_std
-        return 0.5 * level, math.hypot(level_std, 0.3 * level)
-
-    def _class_of(self, finding: Finding) -> int:
-        """Commonest class in the lower half of the finding's box; −1 without masks."""
-        if self._labels is None:
-            return -1
-        left, top, right, bottom = (round(value) for value in finding.box_xyxy)
-        height, width = self._labels.shape
-        left, right = max(0, left), min(width, right + 1)
-        first, last = max(0, (top + bottom) // 2), min(height, bottom + 1)
-        step = max(1, math.isqrt(max(0, (last - first) * (right - left)) // _LOOKED_AT))
-        count = class_counts(self._labels, first, last, left, right, step)
-        return int(count.argmax()) if count.any() else -1
+        level = ground_level(self._labels, foot_uv, metre_px, self._settings.bed_std_m)
+        wide = box_xyxy[2] - box_xyxy[0] + 1.0
+        if self._labels is None or kind in WHEELED:
+            return level
+        if wide <= self._given.rail_spacing_m * metre_px:
+            return level
+        return lying_level(self._labels, kind, box_xyxy, level)
 
 
 def _at_most(fused: Range) -> Range:

@@ -11,6 +11,7 @@ makes a distribution; its mode is the foot and its width the foot's own uncertai
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -58,37 +59,54 @@ _LEAST_PIXELS = 24
 _COLUMNS = 12
 """So many columns of a strip are looked at, at most."""
 
-# How a foot's place follows from masks and picture, fitted by likelihood to 259 things that the
-# shipped network found with its closer looks on rendered rides 400–423.
-SHADE_M = 0.15
+# How a foot's place follows from masks and picture, fitted by likelihood to 237 things that the
+# shipped network found with its closer looks on rendered rides 600–619.
+SHADE_M = 0.05
 """A thing's mask ends in its shadow, so far below it, metres of its height."""
 
-MASK_M = 0.11
+MASK_M = 0.10
 """Width of the distribution of feet about the masks', metres of height,"""
 
-MASK_CELLS = 0.67
+MASK_CELLS = 0.92
 """and, added in squares, in the network's pixels."""
 
-ROW_WEIGHT = 0.08
+ROW_WEIGHT = 0.034
 """Worth of one row's verdict: neighbouring rows say nearly the same."""
 
-EDGE_WEIGHT = 1.45
+EDGE_WEIGHT = 1.20
 """Worth of an edge that is sharper than the ground's beside it by once the scatter of all rows,"""
 
 EDGE_LEAST, EDGE_MOST = -2.0, 5.0
 """and between which multiples of it it counts."""
 
-STANDING_M, STANDING_STD_M, NOT_STANDING = 1.72, 0.12, 0.001
+STANDING_M, STANDING_STD_M, NOT_STANDING = 1.72, 0.12, 1e-5
 """Height of people, and how likely any other is: masks of people often end at the coat."""
 
-DOWN_M = 0.9
-"""So far below the masks' foot the true one is looked for, metres of height."""
+UP_M, PERSON_UP_M, DOWN_M = 0.45, 0.12, 1.1
+"""So far above and below the masks' foot the true one is looked for, metres of height: masks of
+things go on into their shadows, those of people end at the coat."""
+
+
+class FootRow(NamedTuple):
+    """The row of a foot and what else it might be.
+
+    Attributes:
+        row: The likeliest boundary, as ``foot_uv`` counts.
+        std_px: Root mean square distance of all others from it.
+        above_px: So far above it the true one lies in all but 2.5 % of cases.
+        below_px: The same below it.
+    """
+
+    row: float
+    std_px: float
+    above_px: float
+    below_px: float
 
 
 def refine_foot(
     rgb: Image, labels: Image, finding: Finding, metre_px: float, horizon_v: float
-) -> tuple[float, float] | None:
-    """Row of a finding's foot in the picture and its standard deviation, pixels.
+) -> FootRow | None:
+    """Row of a finding's foot in the picture, with its uncertainty.
 
     Args:
         rgb: The picture, uint8 (H, W, 3).
@@ -98,15 +116,16 @@ def refine_foot(
         horizon_v: Row of the horizon, above the coarse foot.
 
     Returns:
-        The boundary between the thing's last row and the ground as ``foot_uv`` counts, and its
-        deviation; None where the picture shows too little of thing or ground.
+        The boundary between the thing's last row and the ground; None where the picture shows too
+        little of thing or ground.
     """
-    box = finding.box_xyxy
+    left, top, right, bottom = finding.box_xyxy
+    box = float(left), float(top), float(right), float(bottom)
     u, v = (float(value) for value in finding.foot_uv)
     cell, metre = rgb.shape[1] / 640.0, float(metre_px)
     person = finding.type == "trespasser"
-    row, std = _refined(rgb, labels, (u, v), box, metre, cell, person, float(horizon_v))
-    return None if math.isnan(row) else (row, std)
+    found = FootRow(*_refined(rgb, labels, (u, v), box, metre, cell, person, float(horizon_v)))
+    return None if math.isnan(found.row) else found
 
 
 @numba.njit(cache=True)
@@ -119,13 +138,14 @@ def _refined(
     cell: float,
     person: bool,
     horizon: float,
-) -> tuple[float, float]:
-    """The likeliest boundary and the root mean square distance of all from it, pixels; or NaN."""
+) -> tuple[float, float, float, float]:
+    """What :class:`FootRow` holds; NaN where the picture shows too little."""
     u, v = foot
-    first, total, edge = _evidence(rgb, labels, u, v, box, metre, cell)
+    up_m = PERSON_UP_M if person else UP_M
+    first, total, edge = _evidence(rgb, labels, u, v, box, metre, cell, up_m)
     count = len(total) - 2
     if count < 1 or v <= horizon:
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan, np.nan
     shade_m = 0.0 if person else SHADE_M
     width = math.hypot(MASK_M * metre, MASK_CELLS * cell)
     typical = max(1.0, np.std(edge[1:-1]))
@@ -141,13 +161,29 @@ def _refined(
             log_p[i] += math.log(
                 math.exp(-0.5 * ((tall - STANDING_M) / STANDING_STD_M) ** 2) + NOT_STANDING
             )
-    best = np.argmax(log_p)
+    best = int(np.argmax(log_p))
     share, squared = 0.0, 0.0
     for i in range(count):
-        p = math.exp(log_p[i] - log_p[best])
-        share += p
-        squared += p * (i - best) ** 2
-    return first + best + 0.5, math.sqrt(squared / share + 1.0 / 12.0)
+        log_p[i] = math.exp(log_p[i] - log_p[best])
+    for i in range(count):
+        share += log_p[i]
+        squared += log_p[i] * (i - best) ** 2
+    above, below = _beyond(log_p, best, 1), _beyond(log_p, best, -1)
+    return first + best + 0.5, math.sqrt(squared / share + 1.0 / 12.0), above, below
+
+
+@numba.njit(cache=True)
+def _beyond(p: Array, best: int, step: int) -> float:
+    """Rows between the best and that with 2.5 % of all probability beyond it, half at least.
+
+    Counted from the first row on (step 1) or from the last (step −1).
+    """
+    left = 0.025 * p.sum()
+    i = 0 if step > 0 else len(p) - 1
+    while i != best and left >= p[i]:
+        left -= p[i]
+        i += step
+    return abs(best - i) + 0.5
 
 
 @numba.njit(cache=True)
@@ -159,6 +195,7 @@ def _evidence(
     box: tuple[float, float, float, float],
     metre: float,
     cell: float,
+    up_m: float,
 ) -> tuple[int, Array, Array]:
     """First row looked at; for a boundary above each row from there on, what speaks for it.
 
@@ -169,8 +206,7 @@ def _evidence(
     left, top, right, bottom = box
     tall = bottom - top
     none = np.zeros(0)
-    # A foot is rather cut off too high (shoes, shade) than too low.
-    up = min(int(0.12 * metre + 2.0 * cell), int(0.5 * tall))
+    up = min(int(up_m * metre + 2.0 * cell), int(0.5 * tall))
     first = max(2, int(v) - up)
     last = min(rows - 3, int(v) + round(DOWN_M * metre + 3.0 * cell))
     half = max(min(0.25 * metre, 0.5 * (right - left)), 2.0)
@@ -186,14 +222,17 @@ def _evidence(
     ground, beside_pixels = _ground(rgb, first, last, l0, l1, r0, r1)
     if pixels < _LEAST_PIXELS or beside_pixels < _LEAST_PIXELS:
         return first, none, none
-    verdict = np.log((body + 2e-3) / (ground + 2e-3))
+    verdict = np.full(_BINS**3, np.nan)
     count = last - first + 1
     total = np.zeros(count)
     for i in range(1, count):
         # Boundary above row ``first + i``: the verdicts of all rows above it add up.
         mean, taken = 0.0, 0
         for c in range(c0, c1, _stride(c0, c1)):
-            mean += verdict[_bin(rgb, first + i - 1, c)]
+            place = _bin(rgb, first + i - 1, c)
+            if np.isnan(verdict[place]):
+                verdict[place] = math.log((body[place] + 2e-3) / (ground[place] + 2e-3))
+            mean += verdict[place]
             taken += 1
         total[i] = total[i - 1] + min(2.0, max(-2.0, mean / taken))
     own, _ = _edges(rgb, first, count, c0, c1)
@@ -226,26 +265,31 @@ def _edges(rgb: Image, first: int, count: int, left: int, right: int) -> tuple[A
     The step lies between the two rows above row ``first + i`` and the two from it on, each three
     columns wide; the first row's is 0.
     """
-    total, taken = np.zeros(count), 0
-    band = np.empty((count + 3, 3))
-    for c in range(left, right, _stride(left, right)):
-        for i in range(count + 3):
-            row = first - 2 + i
+    stride = _stride(left, right)
+    taken = (right - left + stride - 1) // stride if right > left else 0
+    total = np.zeros(count)
+    # Row by row, as the picture lies in memory: sums of three columns, by channel.
+    band = np.empty((count + 3, 3, max(1, taken)), np.int32)
+    for i in range(count + 3):
+        row = first - 2 + i
+        for k in range(taken):
+            c = left + k * stride
             for channel in range(3):
-                band[i, channel] = (
-                    float(rgb[row, c - 1, channel])
-                    + float(rgb[row, c, channel])
-                    + float(rgb[row, c + 1, channel])
+                band[i, channel, k] = (
+                    np.int32(rgb[row, c - 1, channel])
+                    + np.int32(rgb[row, c, channel])
+                    + np.int32(rgb[row, c + 1, channel])
                 )
-        for i in range(1, count):
-            squared = 0.0
+    for i in range(1, count):
+        for k in range(taken):
+            squared = 0
             for channel in range(3):
-                step = band[i + 2, channel] + band[i + 3, channel]
-                step -= band[i, channel] + band[i + 1, channel]
-                squared += (step / 6.0) ** 2
-            total[i] += math.sqrt(squared)
-        taken += 1
-    return total / max(1, taken), taken
+                step = band[i + 2, channel, k] + band[i + 3, channel, k]
+                step -= band[i, channel, k] + band[i + 1, channel, k]
+                squared += step * step
+            total[i] += math.sqrt(float(squared))
+        total[i] /= 6.0 * max(1, taken)
+    return total, taken
 
 
 @numba.njit(cache=True)
@@ -301,14 +345,14 @@ def _ground(
 @numba.njit(cache=True)
 def _smoothed(colours: Array) -> Array:
     """A colour histogram blurred by one bin in each channel, of sum 1."""
-    size = len(colours)
-    for stride in (1, _BINS, _BINS * _BINS):
-        blurred = np.empty(size)
-        for i in range(size):
-            at = i // stride % _BINS
-            before = colours[i - stride] if at > 0 else 0.0
-            after = colours[i + stride] if at < _BINS - 1 else 0.0
-            blurred[i] = 0.6 * colours[i] + 0.2 * (before + after)
+    n = _BINS
+    for stride, blocks in ((1, n * n), (n, n), (n * n, 1)):
+        blurred = 0.6 * colours
+        for block in range(blocks):
+            first = block * n * stride
+            for i in range(first, first + (n - 1) * stride):
+                blurred[i] += 0.2 * colours[i + stride]
+                blurred[i + stride] += 0.2 * colours[i]
         colours = blurred
     shares: Array = colours / max(colours.sum(), 1e-9)
     return shares

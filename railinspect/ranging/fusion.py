@@ -10,6 +10,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from railinspect.ranging.small_solve import factorise, substitute
+
 Array = npt.NDArray[np.float64]
 
 Z95 = 1.959963984540054
@@ -95,7 +97,9 @@ class Estimate:
         return math.hypot(*self.errors.values(), *self.biases.values())
 
 
-def combine(estimates: Sequence[Estimate]) -> Range:
+def combine(
+    estimates: Sequence[Estimate], tails: Mapping[str, tuple[float, float]] | None = None
+) -> Range:
     """Minimum-variance combination of the logarithms of ranges with shared errors.
 
     With the covariance C of the log-ranges, weights are C⁻¹·1 / (1ᵀ·C⁻¹·1) and the variance is
@@ -104,6 +108,8 @@ def combine(estimates: Sequence[Estimate]) -> Range:
 
     Args:
         estimates: At least one.
+        tails: Of errors that are not normal: how many of its standard deviations the range may be
+            too long, and too short, by this cause in all but 2.5 % of cases each (1.96 if normal).
 
     Example:
         >>> one = Estimate("a", 100.0, {"own a": 0.1}, {"shared": 0.05})
@@ -112,28 +118,49 @@ def combine(estimates: Sequence[Estimate]) -> Range:
         >>> round(both.std_m, 3), round(both.bias_m, 3)  # √(0.1²/2 + 0.05²) of 100 m
         (8.66, 5.0)
     """
-    log_range = np.array([math.log(e.range_m) for e in estimates])
-    opinion = np.array([e.opinion for e in estimates])
-    weight, mean, variance, noise_part, bias_part, agrees = _weighed(
-        _loadings([e.errors for e in estimates]),
-        _loadings([e.biases for e in estimates]),
-        log_range,
-        opinion,
-    )
+    noises = dict.fromkeys(cause for e in estimates for cause in e.errors)
+    biases = dict.fromkeys(cause for e in estimates for cause in e.biases)
+    table = [
+        [e.range_m, e.opinion]
+        + [e.errors.get(cause, 0.0) for cause in noises]
+        + [e.biases.get(cause, 0.0) for cause in biases]
+        for e in estimates
+    ]
+    found = _weighed(np.array(table, float), len(noises)).tolist()
+    mean, variance, noise_part, bias_part = found[:4]
+    weight, agrees = found[4::2], found[5::2]
     sigma = math.sqrt(variance)
     range_m = math.exp(mean)
+    longer, shorter = _reach(estimates, weight, variance, tails or {})
     return Range(
         range_m,
         range_m * sigma,
-        interval(range_m, sigma),
+        (range_m * math.exp(-longer), range_m * math.exp(shorter)),
         "+".join(e.method for e, w in zip(estimates, weight, strict=True) if w > 0.02),
         range_m * math.sqrt(noise_part),
         range_m * math.sqrt(bias_part),
         tuple(
-            Reading(e.method, e.range_m, e.range_m * e.rel, bool(a))
+            Reading(e.method, e.range_m, e.range_m * e.rel, a > 0)
             for e, a in zip(estimates, agrees, strict=True)
         ),
     )
+
+
+def _reach(
+    estimates: Sequence[Estimate],
+    weight: Sequence[float],
+    variance: float,
+    tails: Mapping[str, tuple[float, float]],
+) -> tuple[float, float]:
+    """How far down and up the 95 % interval of the log-range reaches."""
+    low, high = 0.0, 0.0
+    for cause, (longer, shorter) in tails.items():
+        own = sum(w * e.errors.get(cause, 0.0) for e, w in zip(estimates, weight, strict=True))
+        variance = max(0.0, variance - own**2)
+        low += (longer * own) ** 2
+        high += (shorter * own) ** 2
+    normal = Z95**2 * variance
+    return math.sqrt(normal + low), math.sqrt(normal + high)
 
 
 def interval(range_m: float, rel: float) -> tuple[float, float]:
@@ -141,66 +168,102 @@ def interval(range_m: float, rel: float) -> tuple[float, float]:
     return range_m * math.exp(-Z95 * rel), range_m * math.exp(Z95 * rel)
 
 
-def _loadings(errors: Sequence[Mapping[str, float]]) -> Array:
-    """Relative errors by estimate and cause, shape (N, causes)."""
-    causes = dict.fromkeys(cause for one in errors for cause in one)
-    return np.array([[one.get(cause, 0.0) for cause in causes] for one in errors], float)
-
-
 @numba.njit(cache=True)
-def _weighed(
-    noise_by_cause: Array,
-    bias_by_cause: Array,
-    log_range: Array,
-    opinion: npt.NDArray[np.bool_],
-) -> tuple[Array, float, float, float, float, npt.NDArray[np.bool_]]:
-    """Weights, mean, its variance, the shares of noise and bias in it, and which agree."""
-    noise = noise_by_cause @ noise_by_cause.T
-    bias = bias_by_cause @ bias_by_cause.T
+def _weighed(table: Array, noises: int) -> Array:
+    """Mean, its variance, the shares of noise and bias in it; of each its weight and agreement.
+
+    Args:
+        table: By estimate its range (m), whether it is an opinion, and its relative errors by
+            cause, shape (N, 2 + causes).
+        noises: So many of the causes are noise, the rest bias.
+
+    Returns:
+        Shape (4 + 2·N,).
+    """
+    count = len(table)
+    log_range = np.empty(count)
+    noise, bias = np.zeros((count, count)), np.zeros((count, count))
+    firm = 0
+    for i in range(count):
+        log_range[i] = math.log(table[i, 0])
+        firm += table[i, 1] == 0.0
+        for j in range(count):
+            for k in range(2, table.shape[1]):
+                both = table[i, k] * table[j, k]
+                if k < 2 + noises:
+                    noise[i, j] += both
+                else:
+                    bias[i, j] += both
     covariance = noise + bias
-    own = np.diag(covariance)
-    kept = np.flatnonzero(~opinion)
-    if 0 < len(kept) < len(opinion):
+    kept = np.ones(count, np.bool_)
+    if 0 < firm < count:  # opinions count where they agree with the rest
+        for i in range(count):
+            kept[i] = table[i, 1] == 0.0
         weight = _weights(covariance, kept)
-        mean = (weight * log_range).sum()
-        shared = (covariance * weight).sum(axis=1)
-        apart = own - 2.0 * shared + (weight * shared).sum()
-        near = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(np.maximum(apart, 1e-12))
-        kept = np.flatnonzero(~opinion | near)
-    else:
-        kept = np.arange(len(opinion))
+        mean, _, _, shared, variance = _moments(covariance, log_range, weight)
+        for i in range(count):
+            apart = covariance[i, i] - 2.0 * shared[i] + variance
+            if abs(log_range[i] - mean) <= AGREE_STD * math.sqrt(max(apart, 1e-12)):
+                kept[i] = True
     weight = _weights(covariance, kept)
-    mean = (weight * log_range).sum()
-    shared = (covariance * weight).sum(axis=1)
-    variance = (weight * shared).sum()
+    mean, own, spread, shared, variance = _moments(covariance, log_range, weight)
     # Instruments that disagree by more than their errors allow: widen to cover it.
-    spread = (weight * (log_range - mean) ** 2).sum()
-    widened = max(0.0, spread - (weight * own).sum() + variance)
-    noise_part = max(0.0, (weight * (noise * weight).sum(axis=1)).sum() + widened)
-    bias_part = max(0.0, (weight * (bias * weight).sum(axis=1)).sum())
-    apart = np.maximum(own - 2.0 * shared + variance, 1e-12)
-    agrees = np.abs(log_range - mean) <= AGREE_STD * np.sqrt(apart)
-    return weight, mean, variance + widened, noise_part, bias_part, agrees
+    widened = max(0.0, spread - own + variance)
+    noise_part, bias_part = widened, 0.0
+    for i in range(count):
+        for j in range(count):
+            noise_part += weight[i] * weight[j] * noise[i, j]
+            bias_part += weight[i] * weight[j] * bias[i, j]
+    out = np.empty(4 + 2 * count)
+    out[0], out[1] = mean, variance + widened
+    out[2], out[3] = max(0.0, noise_part), max(0.0, bias_part)
+    for i in range(count):
+        apart = max(covariance[i, i] - 2.0 * shared[i] + variance, 1e-12)
+        out[4 + 2 * i] = weight[i]
+        out[5 + 2 * i] = abs(log_range[i] - mean) <= AGREE_STD * math.sqrt(apart)
+    return out
 
 
 @numba.njit(cache=True)
-def _weights(covariance: Array, kept: npt.NDArray[np.intp]) -> Array:
-    """Minimum-variance weights within 0 and 1 of those that are kept.
+def _moments(
+    covariance: Array, log_range: Array, weight: Array
+) -> tuple[float, float, float, Array, float]:
+    """Weighted mean, mean own variance, spread about the mean, covariances with it, variance."""
+    count = len(weight)
+    mean, own, spread, variance = 0.0, 0.0, 0.0, 0.0
+    shared = np.zeros(count)
+    for i in range(count):
+        mean += weight[i] * log_range[i]
+        own += weight[i] * covariance[i, i]
+        for j in range(count):
+            shared[i] += covariance[i, j] * weight[j]
+        variance += weight[i] * shared[i]
+    for i in range(count):
+        spread += weight[i] * (log_range[i] - mean) ** 2
+    return mean, own, spread, shared, variance
+
+
+@numba.njit(cache=True)
+def _weights(covariance: Array, keep: npt.NDArray[np.bool_]) -> Array:
+    """Minimum-variance weights within 0 and 1 of those that are kept, 0 for the others.
 
     The most negative is dropped until none is.
     """
-    count = len(covariance)
+    kept = np.flatnonzero(keep)
+    weight = np.zeros(len(covariance))
     while True:
         size = len(kept)
-        part = np.empty((size, size))
+        part, solved = np.empty((size, size)), np.empty(size)
         for i in range(size):
             for j in range(size):
                 part[i, j] = covariance[kept[i], kept[j]]
             part[i, i] += 1e-12
-        solved = np.linalg.solve(part, np.ones(size))
-        if solved.min() >= 0.0 or size == 1:
-            weight = np.zeros(count)
-            weight[kept] = np.maximum(solved, 0.0)
-            shares: Array = weight / weight.sum()
-            return shares
-        kept = np.delete(kept, np.argmin(solved))
+        factorise(part)
+        substitute(part, np.ones(size), solved)
+        worst = np.argmin(solved)
+        if solved[worst] >= 0.0 or size == 1:
+            total = max(solved.sum(), 1e-300)
+            for i in range(size):
+                weight[kept[i]] = max(solved[i], 0.0) / total
+            return weight
+        kept = np.delete(kept, worst)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -28,13 +30,16 @@ SURFACE_STD_M = 0.012
 UNSEEN = (-0.15, 0.06)
 """Height and standard deviation where what surrounds the foot is not known, metres."""
 
-_SURFACE = np.array([ROAD, SIDEWALK, TRAM_TRACK, RAIL_EMBEDDED])
-_BED = np.array([TRACKBED, TERRAIN, RAIL_RAISED, RAIL_TRACK])
+_BED, _SURFACE, _EMBEDDED, _RAISED = 1, 2, 3, 4
+_KIND = np.zeros(256, np.uint8)
+_KIND[[TRACKBED, TERRAIN, RAIL_TRACK]] = _BED
+_KIND[[ROAD, SIDEWALK, TRAM_TRACK]] = _SURFACE
+_KIND[RAIL_EMBEDDED], _KIND[RAIL_RAISED] = _EMBEDDED, _RAISED
 
 
 def ground_level(
     labels: npt.NDArray[np.uint8] | None,
-    foot_uv: npt.NDArray[np.float64],
+    foot_uv: tuple[float, float],
     metre_px: float,
     bed_std_m: float = BED_STD_M,
 ) -> tuple[float, float]:
@@ -42,20 +47,51 @@ def ground_level(
 
     Args:
         labels: Class ids, shape (H, W); None where there is no segmentation.
-        foot_uv: Foot, input pixels, shape (2,).
+        foot_uv: Foot, input pixels.
         metre_px: Pixels per metre across the track at the foot.
         bed_std_m: Standard deviation of the bed's height, metres.
     """
     if labels is None:
         return UNSEEN
+    level: tuple[float, float] = _level(labels, foot_uv, metre_px, bed_std_m)
+    return level
+
+
+def lying_level(
+    labels: npt.NDArray[np.uint8],
+    kind: int,
+    box_xyxy: tuple[float, float, float, float],
+    level_m: tuple[float, float],
+) -> tuple[float, float]:
+    """Height and deviation under a thing wider than the gauge: a trunk may lie across the rails.
+
+    Args:
+        labels: Class ids, shape (H, W).
+        kind: Its class.
+        box_xyxy: Its box, pixels, ends included.
+        level_m: Height of the ground beside it against the rail tops and its deviation, metres.
+    """
+    left, top, right, bottom = (round(value) for value in box_xyxy)
+    if right - left + 1 < 3.0 * thickness(labels, kind, (left, top, right, bottom)):
+        return level_m
+    return 0.5 * level_m[0], math.hypot(level_m[1], 0.3 * level_m[0])
+
+
+@numba.njit(cache=True)
+def _level(
+    labels: npt.NDArray[np.uint8], foot_uv: tuple[float, float], metre_px: float, bed_std_m: float
+) -> tuple[float, float]:
     height, width = labels.shape
-    u, v = float(foot_uv[0]), round(float(foot_uv[1]))
+    u, v = foot_uv[0], round(foot_uv[1])
     half = max(1.2 * metre_px, 3.0)
     first, last = max(0, round(u - half)), min(width, round(u + half) + 1)
     below = min(height, v + max(2, round(0.06 * metre_px)) + 1)
-    count = class_counts(labels, max(0, min(v, height)), below, first, last)
-    raised, embedded = int(count[RAIL_RAISED]), int(count[RAIL_EMBEDDED])
-    surface, bed = int(count[_SURFACE].sum()), int(count[_BED].sum())
+    count = np.zeros(5, np.int64)
+    for row in range(max(0, min(v, height)), below):
+        for column in range(first, last):
+            count[_KIND[labels[row, column]]] += 1
+    raised, embedded = count[_RAISED], count[_EMBEDDED]
+    surface, bed = count[_SURFACE] + embedded, count[_BED] + raised
     if surface + bed < 4:
         return UNSEEN
     share = surface / (surface + bed)
@@ -66,21 +102,6 @@ def ground_level(
     if share <= 0.25:
         return BED_M, bed_std_m
     return 0.5 * BED_M, 0.5 * abs(BED_M)
-
-
-@numba.njit(cache=True)
-def class_counts(
-    labels: npt.NDArray[np.uint8], top: int, bottom: int, left: int, right: int, step: int = 1
-) -> npt.NDArray[np.int64]:
-    """Pixels of each class in rows top … bottom and columns left … right, ends excluded; (256,).
-
-    Of every ``step``-th row and column.
-    """
-    count = np.zeros(256, np.int64)
-    for v in range(top, bottom, step):
-        for u in range(left, right, step):
-            count[labels[v, u]] += 1
-    return count
 
 
 @numba.njit(cache=True)

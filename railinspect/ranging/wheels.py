@@ -6,8 +6,6 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from railinspect.findings import Finding
-
 _LONGEST_M = 5.0
 """So far to either side of the foot a vehicle's wheels are looked for, metres."""
 
@@ -19,22 +17,21 @@ _CLEAR_M = 0.45
 
 
 def wheels_row(
-    labels: npt.NDArray[np.uint8], kind: int, finding: Finding, metre_px: float
+    labels: npt.NDArray[np.uint8], kind: int, foot_uv: tuple[float, float], metre_px: float
 ) -> float:
     """Row of the lowest pixels of a vehicle part of which stands in the clearance envelope.
 
     Args:
         labels: Class ids, uint8 (H, W).
         kind: The vehicle's class.
-        finding: The vehicle; its foot is where the body ends inside the envelope.
+        foot_uv: Where its body ends inside the envelope, pixels.
         metre_px: Pixels per metre across the track at the foot, > 0.
 
     Returns:
         The boundary below the wheels, in pixels as ``foot_uv`` counts; the foot's own row where
         nothing of the vehicle lies below it.
     """
-    u, v = (float(value) for value in finding.foot_uv)
-    return float(_lowest(labels, kind, u, v, float(metre_px)))
+    return float(_lowest(labels, kind, foot_uv[0], foot_uv[1], float(metre_px)))
 
 
 @numba.njit(cache=True)

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from railinspect.camera import Camera
 from railinspect.pipeline import Inspector
+from railinspect.ranging import along_track
+from railinspect.ranging.foot import refine_foot
 from railinspect.video import Frame
 from railinspect.warmup import drawn_track, warm_up
 from railops.braking import Train
@@ -19,6 +22,19 @@ def test_the_drawn_track_takes_every_step_of_the_loop():
     assert records[-1].followed
     assert records[-1].findings[0].range is not None
     assert records[-1].advice is not None
+
+
+def test_warming_up_looks_the_foot_up_in_the_picture(monkeypatch: pytest.MonkeyPatch):
+    found = []
+
+    def noted(*arguments):
+        found.append(refine_foot(*arguments))
+        return found[-1]
+
+    monkeypatch.setattr(along_track, "refine_foot", noted)
+    warm_up.cache_clear()
+    warm_up()
+    assert any(row is not None for row in found)
 
 
 def test_warming_up_needs_nothing_and_is_done_once_per_process():

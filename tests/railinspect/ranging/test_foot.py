@@ -60,9 +60,11 @@ def test_the_foot_is_where_the_thing_ends(colour: tuple[int, int, int], off: int
     masks, finding = coarse(LAST_ROW + off)
     found = refine_foot(picture(colour), masks, finding, METRE_PX, HORIZON_V)
     assert found is not None
-    row, std_px = found
+    row, std_px, above_px, below_px = found
     assert row == pytest.approx(LAST_ROW + 0.5, abs=1.01)
-    assert 0.25 < std_px < 6.0
+    assert 0.25 < std_px < 9.0
+    assert 0.5 <= above_px < 30.0
+    assert 0.5 <= below_px < 30.0
 
 
 def test_what_looks_like_the_ground_leaves_the_foot_open() -> None:
@@ -72,6 +74,27 @@ def test_what_looks_like_the_ground_leaves_the_foot_open() -> None:
     assert clear is not None
     assert alike is not None
     assert alike[1] > 2.0 * clear[1]
+
+
+def test_a_mask_that_goes_on_into_the_shadow_stands_higher() -> None:
+    masks, finding = coarse(LAST_ROW + 22)  # a third of a metre of it
+    found = refine_foot(picture((200, 40, 30)), masks, finding, METRE_PX, HORIZON_V)
+    assert found is not None
+    assert found.row == pytest.approx(LAST_ROW + 0.5, abs=1.01)
+
+
+def test_what_the_picture_leaves_open_is_in_the_reach() -> None:
+    # A coat's hem, and shoes that are nearly as grey as the ballast: the foot is one or the other.
+    masks, finding = coarse(LAST_ROW)
+    rgb = picture((200, 40, 30))
+    clear = refine_foot(rgb, masks, finding, METRE_PX, HORIZON_V)
+    rgb[LAST_ROW + 1 : LAST_ROW + 12, 915:946] = (150, 60, 50)
+    open_ = refine_foot(rgb, masks, finding, METRE_PX, HORIZON_V)
+    assert clear is not None
+    assert open_ is not None
+    assert open_.row - open_.above_px <= LAST_ROW + 0.5
+    assert open_.row + open_.below_px >= LAST_ROW + 11.5
+    assert open_.above_px + open_.below_px > clear.above_px + clear.below_px
 
 
 def test_people_whose_legs_the_masks_miss_stand_lower() -> None:

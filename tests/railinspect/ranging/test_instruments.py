@@ -152,6 +152,20 @@ def test_a_usual_size_that_does_not_fit_is_left_out() -> None:
     assert by_itself.range_m == pytest.approx(160.0)
 
 
+def test_an_error_that_is_not_normal_reaches_as_far_as_it_says() -> None:
+    one = Estimate("a", 100.0, {"row": 0.03, "own a": 0.01}, {"shared": 0.02})
+    two = Estimate("b", 100.0, {"row": 0.03, "own b": 0.01}, {"shared": 0.02})
+    plain = combine([one, two])
+    both = combine([one, two], {"row": (1.0, 5.0)})
+    assert both.std_m == plain.std_m
+    rest = (1.959964 * math.hypot(0.01 / math.sqrt(2.0), 0.02)) ** 2
+    low, high = (math.log(bound / 100.0) for bound in both.interval_m)
+    assert low == pytest.approx(-math.sqrt(rest + 0.03**2), rel=1e-6)
+    assert high == pytest.approx(math.sqrt(rest + 0.15**2), rel=1e-6)
+    normal = combine([one, two], {"row": (1.959964, 1.959964)})
+    assert normal.interval_m == pytest.approx(plain.interval_m, rel=1e-6)
+
+
 def test_disagreement_widens() -> None:
     calm = combine([Estimate("a", 100.0, {"a": 0.01}), Estimate("b", 100.0, {"b": 0.01})])
     torn = combine([Estimate("a", 100.0, {"a": 0.01}), Estimate("b", 130.0, {"b": 0.01})])

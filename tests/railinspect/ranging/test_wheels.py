@@ -30,19 +30,19 @@ def car(foot_v: float) -> tuple[np.ndarray, Finding]:
 @pytest.mark.parametrize("foot_v", [249.5, 256.0])
 @pytest.mark.parametrize("seen", [slice(0, 280), slice(280, 600)])
 def test_the_wheels_are_lower_than_the_body(foot_v: float, seen: slice) -> None:
-    masks, finding = car(foot_v)
+    masks, _ = car(foot_v)
     other = slice(280, 600) if seen.start == 0 else slice(0, 280)
     masks[250:, other] = labels.TRACKBED
-    assert wheels_row(masks, labels.CAR, finding, METRE_PX) == 264.5
+    assert wheels_row(masks, labels.CAR, (280.0, foot_v), METRE_PX) == 264.5
 
 
 def test_what_has_nothing_below_it_keeps_its_foot() -> None:
-    masks, finding = car(249.5)
+    masks, _ = car(249.5)
     masks[250:] = labels.TRACKBED
-    assert wheels_row(masks, labels.CAR, finding, METRE_PX) == 249.5
+    assert wheels_row(masks, labels.CAR, (280.0, 249.5), METRE_PX) == 249.5
     # A car that stands nearer, beside the track, is another one.
     masks[250:330, 560:] = labels.CAR
-    assert wheels_row(masks, labels.CAR, finding, METRE_PX) == 249.5
+    assert wheels_row(masks, labels.CAR, (280.0, 249.5), METRE_PX) == 249.5
 
 
 def test_a_trunk_is_as_thick_as_it_is_below_its_branches() -> None:
