@@ -74,6 +74,12 @@ def find_things(
     return found
 
 
+def _touch(kind: npt.NDArray[np.uint8]) -> bool:
+    """Whether a person comes as near to a thing as what closing makes one region."""
+    people = cv2.dilate((kind == _PERSON).view(np.uint8), np.ones((9, 5), np.uint8))
+    return bool((people.view(np.bool_) & (kind == _THING)).any())
+
+
 def _surer(one: Finding, two: Finding) -> bool:
     return (one.doubt is None, one.confidence) > (two.doubt is None, two.confidence)
 
@@ -113,7 +119,7 @@ def _find_in(
         cv2.LUT(labels[:first], table, kind[:first])
     found: list[Finding] = []
     there = [code for code in (_PERSON, _THING) if (beside == code).any()]
-    if len(there) == 2:
+    if len(there) == 2 and _touch(kind):
         there.append(_EITHER)
     for code in there:
         clearance = _clearance(limits, code)
