@@ -21,6 +21,13 @@ _BAND_ROWS = 64
 """Rows sampled for the lines near the camera: more only costs time."""
 
 
+_BAND_MIDDLE = 0.6
+"""Middle of the rows in which rails begin, as a share of the rows below the horizon."""
+
+_TYPICAL_RADIUS_M = 500.0
+"""Of the curves a first picture may show, metres: one standard deviation of what is not known."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A track that grew from one pair of beginning points.
@@ -58,16 +65,25 @@ def _prior(
     scale = camera.size_wh[0] / 640.0
     row_std = math.hypot(now.row_std_px, 1.5 * scale)
     growth_std = math.hypot(now.growth_std, 0.02)
+    # Rails begin as straight lines where the picture does, far ahead of a long lens: in a curve
+    # these are tangents, which meet aside of the heading and pass the camera aside of the track;
+    # and each touches its rail where that lies longest along a line, which may be farther on.
+    near_m = camera.focal_px * camera.height_m / (_BAND_MIDDLE * s_first)
+    turned_rad = near_m / _TYPICAL_RADIUS_M
     if state.frames:
         aside, aside_std = state.aside, math.hypot(0.03, 0.1 / state.frames)
     else:
         aside = camera.offset_m * math.cos(camera.pitch_rad) / camera.height_m
-        aside_std = 0.10 if calibrated else 0.16
+        passed = near_m * turned_rad / (2.0 * camera.height_m)
+        aside_std = math.hypot(0.10 if calibrated else 0.16, passed)
+        row_std = math.hypot(row_std, s_first * turned_rad)
+        growth_std = math.hypot(growth_std, 2.0 * turned_rad)
     if state.pair is not None:
         last = state.vanishing_px if state.vanishing_px else state.pair.vanishing_px
         heading, heading_std = last[0], 15.0 * scale
     else:
-        heading, heading_std = camera.focal_px * math.tan(camera.yaw_rad), 64.0 * scale
+        heading = camera.focal_px * math.tan(camera.yaw_rad)
+        heading_std = math.hypot(64.0 * scale, camera.focal_px * turned_rad)
     return Prior(
         now.row_px, row_std, now.growth, growth_std, aside, aside_std, heading, heading_std
     )

@@ -68,6 +68,23 @@ def test_rails_are_followed_to_a_fraction_of_a_pixel(cam: Camera, curvature: flo
     assert geometry.path.half_m[:50] == pytest.approx(cam.rail_spacing_m / 2, rel=0.02)
 
 
+@pytest.mark.parametrize("hand", [-1, 1])
+@pytest.mark.parametrize("radius_m", [200, 250, 300, 400])
+@pytest.mark.parametrize(("height_m", "pitch_rad"), [(2.3, -0.02), (3.0, 0.03)])
+def test_a_first_picture_in_a_curve_is_followed_through_a_long_lens(
+    height_m: float, pitch_rad: float, radius_m: int, hand: int
+) -> None:
+    """There rails begin 11 to 17 m ahead, where their tangents point aside of the track."""
+    cam = Camera.from_field_of_view((640, 360), 0.72, height_m, pitch_rad=pitch_rad)
+
+    def into_the_curve(chainage_m: np.ndarray) -> np.ndarray:
+        return hand / radius_m * np.clip((chainage_m - 8.0) / 10.0, 0.0, 1.0)
+
+    for curvature in (hand / radius_m, into_the_curve):
+        geometry = follow(draw(cam, curvature), cam, frames=1)
+        assert geometry.followed, geometry.reason
+
+
 @pytest.mark.parametrize(("cam", "curvature"), [c for c in CASES if not any(c[0].distortion)][:4])
 def test_an_unknown_camera_finds_its_height(cam: Camera, curvature: float) -> None:
     geometry = follow(draw(cam, curvature), None, frames=4)
