@@ -61,7 +61,7 @@ def budget(camera: Camera, range_m: float, settings: RangingSettings | None = No
     Example:
         >>> camera = Camera((1920, 1080), 3000.0, (959.5, 539.5), 2.5)
         >>> round(budget(camera, 100.0).std_m, 1)
-        3.0
+        4.2
     """
     if not (math.isfinite(range_m) and range_m > 0):
         raise BadInputError(f"range_m is {range_m}; give a positive number")

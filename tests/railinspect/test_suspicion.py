@@ -20,7 +20,7 @@ from railinspect.video import Frame
 from railops.braking import Train
 from tests.railinspect.painted_ride import CAMERA, SPEED_MPS, paint, read_paint, ride
 
-DOUBTFUL, TOO_LITTLE = 148, 110  # of 255
+DOUBTFUL, TOO_LITTLE = 148, 100  # of 255
 
 
 def sees_people(confidence_at):
