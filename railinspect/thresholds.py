@@ -69,6 +69,8 @@ class Thresholds:
         bend_m: Least deviation, metres.
         bend_noise: Least deviation as a multiple of the segmentation's own scatter.
         bend_rows: Least number of sampled rows of a deviation.
+        bend_sure_rows: Rows of a deviation in which both rails are seen alone, and none where the
+            smooth track runs, that make it sure although other rails cross beside it.
         bend_length_m: Least length of a deviation along the track, metres.
         bend_one_rail: Factor on the deviation where only one rail shows it.
         bend_spacing_px: Rails are judged only where they are this far apart across the track.
@@ -84,6 +86,8 @@ class Thresholds:
         ripple_rows: Rows over which the rails' common swing is averaged.
         ripple_share: Root mean square of that swing as a share of the least deviation.
         ripple_doubt: Largest share of doubtful samples in it.
+        ripple_beside_px: A doubtful sample farther off than this, pixels, takes part only where no
+            rail lies on the smooth track.
         gap_m: Least length of a hole in both rails that counts as an interruption, metres.
         gap_px: Least height of such a hole, pixels.
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
@@ -133,6 +137,7 @@ class Thresholds:
     bend_m: float = 0.03
     bend_noise: float = 3.0
     bend_rows: int = 3
+    bend_sure_rows: int = 4
     bend_length_m: float = 0.8
     bend_one_rail: float = 1.8
     bend_spacing_px: float = 6.0
@@ -144,6 +149,7 @@ class Thresholds:
     ripple_rows: int = 7
     ripple_share: float = 0.75
     ripple_doubt: float = 0.5
+    ripple_beside_px: float = 1.5
     gap_m: float = 1.0
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0

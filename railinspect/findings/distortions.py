@@ -69,15 +69,23 @@ def find_distortions(
     smooth[unsure] = np.nan
     along = np.append(np.diff(profile.chainage_m), 0.0)
     steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
-    # Some doubtful samples may take part here: a short wave's own slant makes it look wide.
-    if (ripple := _ripple(everything, profile.doubtful, swing, steepest, limits)) is not None:
+    # Some doubtful samples may take part in a wave, whose own slant makes a rail look wide, but not
+    # where a rail lies on the smooth track too: what went aside is the other one.
+    waves = np.where(
+        unsure & (np.abs(everything) > limits.ripple_beside_px * scale), np.nan, everything
+    )
+    if (ripple := _ripple(waves, profile.doubtful, swing, steepest, limits)) is not None:
         return [_distortion(track, [ripple], ["both rails"], swing, everything, limits)]
     common, alone = _split(smooth, profile.at_switch, limits.switch_agreement)
     gentle = np.full_like(metre, limits.bend_step_px * scale)
+    # Where both rails are seen alone and none is left where the track would run, nothing but they
+    # themselves can have gone aside, whatever crosses them farther on.
+    alone_there = vacant & ~profile.doubtful.any(axis=1) & (np.abs(common) >= limit)
     lobes = [
         lobe
         for lobe in _lobes(common, limit, limits, profile.chainage_m)
-        if not any(_jumps(everything[:, i], lobe, limit, steepest) for i in range(2))
+        if np.count_nonzero(alone_there[lobe[0] : lobe[1] + 1]) >= limits.bend_sure_rows
+        or not any(_jumps(everything[:, i], lobe, limit, steepest) for i in range(2))
     ]
     kind = ["both rails"] * len(lobes)
     for rail, name in enumerate(("the left rail", "the right rail")):
