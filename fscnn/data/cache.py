@@ -37,12 +37,18 @@ def main(arguments: list[str] | None = None) -> int:
         default="any",
         help="kind of the scenes (default any)",
     )
+    parser.add_argument(
+        "--closer",
+        type=int,
+        default=1,
+        help="narrow the view so many times, as a closer look at a wide picture does (default 1)",
+    )
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     options = parser.parse_args(arguments)
     seeds = range(options.start, options.start + options.count)
-    settings = SceneSettings(crowded=options.crowded, kind=options.kind)
     began = time.monotonic()
     try:
+        settings = SceneSettings(crowded=options.crowded, kind=options.kind, closer=options.closer)
         for done, _ in enumerate(write_images(options.out, seeds, settings, options.workers), 1):
             if done % 100 == 0 or done == len(seeds):
                 rate = done / (time.monotonic() - began)

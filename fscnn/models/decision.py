@@ -23,12 +23,13 @@ def split(scores: Tensor) -> tuple[Tensor, Tensor | None]:
     """Class scores (N, 19, h, w), and the rail scores (N, s², h, w) of a cell's pixels if any."""
     if scores.shape[1] == len(CLASSES):
         return scores, None
-    return scores[:, : len(CLASSES)], scores[:, len(CLASSES) :]
+    # Not two slices, whose gradients would each be as large as the scores.
+    classes, rails = scores.split([len(CLASSES), scores.shape[1] - len(CLASSES)], 1)
+    return classes, rails
 
 
-def rail_probability(scores: Tensor, stride: int = 2) -> Tensor:
-    """Probability of rail at every pixel: (N, 19 or 19 + s², h, w) → (N, 1, h·s, w·s)."""
-    classes, rails = split(scores)
+def rail_probability(classes: Tensor, rails: Tensor | None, stride: int = 2) -> Tensor:
+    """Probability of rail at every pixel of the scores that :func:`split` gives: (N, 1, h·s, w·s)."""
     if rails is not None:
         return functional.pixel_shuffle(rails, stride).sigmoid()
     both = classes.softmax(1)[:, RAIL_RAISED : RAIL_EMBEDDED + 1].sum(1, keepdim=True)

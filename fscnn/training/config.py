@@ -79,7 +79,7 @@ class TrainConfig:
         settings: Settings of the network that differ from its defaults.
         start_from: Checkpoint or bundle (``.onnx``) whose weights training starts from, or
             ``imagenet`` for the published weights of the network's backbone; empty starts from
-            random ones.
+            random ones. A wider network of the same kind starts from a narrower one's.
         fold_norms: Fold the batch norms of ``start_from`` into its kernels and train on without:
             more samples per second on a CPU, at a lower rate.
     """

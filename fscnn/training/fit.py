@@ -23,6 +23,7 @@ from fscnn.data.datasets import first_hand
 from fscnn.data.module import RailData
 from fscnn.models import build, settings_of
 from fscnn.models.blocks import fold_norms
+from fscnn.models.widen import widen
 from fscnn.training import checkpoint as checkpoints
 from fscnn.training.config import TrainConfig, save
 from fscnn.training.from_bundle import load_bundle
@@ -99,12 +100,17 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     elif config.start_from:
         given = Path(config.start_from)
         started = load_bundle(given) if given.suffix == ".onnx" else checkpoints.load(given)
-        if (started.name, started.settings) != (config.network, settings_of(network)):
+        if started.name != config.network:
             raise BadInputError(
-                f"{config.start_from} holds a network of another shape than {config.network}"
+                f"{config.start_from} holds a network {started.name}, not {config.network}"
             )
-        network = fold_norms(started.network) if folded else started.network
+        weights = fold_norms(started.network) if folded else started.network
         folded = folded or started.norms_folded
+        if started.settings == settings_of(network):
+            network = weights
+        else:
+            network = fold_norms(network) if folded else network
+            widen(weights, network)
         network.train()
     module = SegmentationModule(
         network,

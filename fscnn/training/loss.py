@@ -97,13 +97,13 @@ class RailLoss(nn.Module):
             scores: Scores as :func:`fscnn.models.decide` takes them, shape (N, C, h, w).
             masks: Class ids, 255 for void, uint8 of shape (N, H, W) with H a multiple of h.
         """
-        scores = scores.float()
+        scores, fine = split(scores.float())
         stride = masks.shape[1] // scores.shape[2]
         # A random one of each cell's pixels: any fixed one would shift labels against the image.
         row, column = (int(v) for v in torch.randint(stride, (2,)))
         cells = masks[:, row::stride, column::stride].long()
         each = functional.cross_entropy(
-            split(scores)[0],
+            scores,
             cells,
             ignore_index=VOID,
             reduction="none",
@@ -115,7 +115,7 @@ class RailLoss(nn.Module):
             weights = self._weights(cells)
             classes = (each * weights).sum() / weights.sum().clamp(min=1.0)
 
-        rails = rail_probability(scores, stride)[:, 0]
+        rails = rail_probability(scores, fine, stride)[:, 0]
         known = (masks != VOID).float()
         truth = ((masks == RAIL_RAISED) | (masks == RAIL_EMBEDDED)).float()
         # Written out: torch's own raises on NaN, and the guard could not name the layer any more.

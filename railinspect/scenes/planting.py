@@ -79,20 +79,28 @@ def plant(
     return made
 
 
-def sprinkle(draft: Draft, rng: np.random.Generator, reach_m: float) -> None:
-    """Give a training picture its share of anomalies and of trains on the ego track."""
+def sprinkle(draft: Draft, rng: np.random.Generator, focal_px: float) -> None:
+    """Give a training picture its share of anomalies and of trains on the ego track.
+
+    Args:
+        draft: The world to change.
+        rng: Source of what is planted and where.
+        focal_px: Focal length of the camera, pixels: how far things can be made out.
+    """
+    nearest_m = 6.0 * draft.settings.closer
+    reach_m = min(80.0 * draft.settings.closer, 0.08 * focal_px)
     if draft.settings.crowded:
         for _ in range(int(rng.integers(1, 5))):
             kind = ANOMALY_TYPES[int(rng.choice(3, p=[0.1, 0.5, 0.4]))]
-            plant(draft, kind, float(6 + rng.gamma(1.6, 0.14 * reach_m)), rng)
+            plant(draft, kind, float(nearest_m + rng.gamma(1.6, 0.14 * reach_m)), rng)
         return
     chance = rng.random()
     if chance < 0.34:
         for _ in range(int(rng.integers(1, 3))):
             kind = ANOMALY_TYPES[int(rng.choice(3, p=[0.2, 0.45, 0.35]))]
-            plant(draft, kind, float(6 + rng.gamma(1.5, 0.2 * reach_m)), rng)
+            plant(draft, kind, float(nearest_m + rng.gamma(1.5, 0.2 * reach_m)), rng)
     elif chance < 0.42:
-        at = float(12 + rng.gamma(1.6, 30.0))
+        at = 2 * nearest_m + float(rng.gamma(1.6, 30.0))
         thing = draft.next_id()
         high = movables.train(
             draft.kit, rng, at, 0.0, float(rng.uniform(20, 120)), draft.looks.sun_side, thing

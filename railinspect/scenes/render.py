@@ -101,7 +101,7 @@ def render(seed: int, settings: SceneSettings | None = None) -> Rendered:
     draft, alignment, camera = begin(seed, settings)
     rng = np.random.default_rng([seed, 0xA402])
     if settings.occluders and draft.kind != "none":
-        planting.sprinkle(draft, rng, min(80.0, 0.08 * camera.focal_px))
+        planting.sprinkle(draft, rng, camera.focal_px)
     world = finish(draft, seed, alignment, camera)
     return view(world, np.random.default_rng([seed, 0xF17E]))
 
@@ -288,10 +288,16 @@ def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
     offset = plane.reshape(25, 41, 2) * camera.focal_px
     room = np.array(camera.principal_uv) + 0.5
     shrink = float(min(1.0, (room / np.abs(offset).reshape(-1, 2).max(axis=0)).min()))
-    source = (offset * shrink + np.array(camera.principal_uv)).astype(np.float32)
-    u, v = np.meshgrid(np.linspace(0, 40, width), np.linspace(0, 24, height))
-    grid = cv2.remap(source, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    source = offset * shrink + np.array(camera.principal_uv)
+    # Written out: OpenCV's own interpolation knows 32 places between two samples, half a pixel here.
+    grid = np.einsum("va,abc,ub->vuc", _hats(height, 25), source, _hats(width, 41), optimize=True)
     return np.asarray(grid, np.float32), shrink
+
+
+def _hats(pixels: int, samples: int) -> Array:
+    """Weights (pixels, samples) that interpolate linearly between samples spread over an axis."""
+    at = np.linspace(0, samples - 1, pixels)
+    return np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(samples)))
 
 
 _NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be absent
@@ -430,7 +436,7 @@ def render_stereo(
     camera = replace(camera, distortion=(0.0, 0.0, 0.0, 0.0, 0.0), roll_rad=0.0, yaw_rad=0.0)
     rng = np.random.default_rng([seed, 0xA402])
     if settings.occluders and draft.kind != "none":
-        planting.sprinkle(draft, rng, min(80.0, 0.08 * camera.focal_px))
+        planting.sprinkle(draft, rng, camera.focal_px)
     world = finish(draft, seed, alignment, camera)
     left = view(world, np.random.default_rng([seed, 1]))
     partner = replace(camera, offset_m=camera.offset_m - baseline_m)

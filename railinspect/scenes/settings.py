@@ -25,6 +25,9 @@ class SceneSettings:
         occluders: Let people, vehicles and objects stand on and beside the track.
         crowded: Put one to four anomalies on every ego track, most of them near, as training needs
             that is to find things by themselves and not by what surrounds them.
+        closer: How much narrower the random camera's field of view is, as a closer look's
+            (:mod:`railinspect.fovea`): 2 or 4 halve it once or twice, around the horizon, and
+            anomalies stand where such a look shows them. 1 for a whole picture.
         min_radius_m: Tightest curve, metres, ≥ 200.
     """
 
@@ -35,6 +38,7 @@ class SceneSettings:
     weather: bool = True
     occluders: bool = True
     crowded: bool = False
+    closer: int = 1
     min_radius_m: float = 200.0
 
     def __post_init__(self) -> None:
@@ -47,6 +51,11 @@ class SceneSettings:
             raise BadInputError(
                 f"the camera delivers {self.camera.size_wh}, the scene asks for {self.size_wh}; "
                 "use camera.resized(size_wh)"
+            )
+        if not (self.closer == 1 or self.camera is None and 1 <= self.closer <= 8):
+            raise BadInputError(
+                f"closer is {self.closer}; a random camera's view is narrowed by 1…8 times, a "
+                "given camera's by none"
             )
         if not self.min_radius_m >= 200:
             raise BadInputError(

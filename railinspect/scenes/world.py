@@ -14,6 +14,9 @@ from railinspect.scenes.settings import SceneSettings
 from railinspect.scenes.terrain import lay_ground
 from railinspect.scenes.tracks import draw_alignment, lay_tracks
 
+LOOK_DROP = -0.15
+"""Where closer looks (:mod:`railinspect.fovea`) have the horizon against their middle row."""
+
 
 def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: float) -> Camera:
     """A random cab camera over a track of the given gauge."""
@@ -21,8 +24,12 @@ def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: floa
         return settings.camera
     width, height = settings.size_wh
     fov = np.radians(rng.uniform(35, 80))
+    # horizon against the middle row, share of the height
+    drop = rng.uniform(-0.12, 0.22)
+    if settings.closer > 1:
+        fov = 2 * np.arctan(np.tan(fov / 2) / settings.closer)
+        drop = rng.normal(LOOK_DROP, 0.05)
     focal = width / 2 / np.tan(fov / 2)
-    drop = rng.uniform(-0.12, 0.22)  # horizon against the middle row, share of the height
     distorted = rng.random() < 0.2
     return Camera.from_field_of_view(
         settings.size_wh,
@@ -30,7 +37,7 @@ def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: floa
         float(np.clip(rng.normal(2.6, 0.55), 1.5, 4.0)),
         pitch_rad=float(np.arctan(drop * height / focal)),
         roll_rad=float(np.clip(rng.normal(0, 0.012), -0.05, 0.05)),
-        yaw_rad=float(np.clip(rng.normal(0, 0.03), -0.12, 0.12)),
+        yaw_rad=float(np.clip(rng.normal(0, 0.03), -0.12, 0.12)) / settings.closer,
         offset_m=float(np.clip(rng.normal(0, 0.18), -0.7, 0.7)),
         distortion=(float(rng.uniform(-0.16, 0.04)) if distorted else 0.0, 0.0, 0.0, 0.0, 0.0),
         gauge_m=gauge_m,

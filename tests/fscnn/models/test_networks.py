@@ -167,7 +167,7 @@ def test_rails_are_decided_between_cells_and_keep_their_kind() -> None:
 
 def test_rail_probability_is_the_sum_of_both_kinds() -> None:
     scores = torch.zeros(1, 19, 1, 1)
-    assert rail_probability(scores).flatten().tolist() == pytest.approx([2 / 19] * 4)
+    assert rail_probability(scores, None).flatten().tolist() == pytest.approx([2 / 19] * 4)
 
 
 def test_rail_scores_of_a_cells_pixels_decide_where_there_are_any() -> None:
@@ -179,7 +179,7 @@ def test_rail_scores_of_a_cells_pixels_decide_where_there_are_any() -> None:
     assert labels[0].tolist() == [[SKY, RAIL_EMBEDDED], [RAIL_EMBEDDED, SKY]]
     assert rail_score[0].tolist() == [[0, 255], [255, 0]]
     assert confidence.unique().tolist() == [255]
-    assert rail_probability(scores).flatten().tolist() == pytest.approx([0, 1, 1, 0])
+    assert rail_probability(scores, None).flatten().tolist() == pytest.approx([0, 1, 1, 0])
 
 
 def test_huge_scores_stay_finite() -> None:
