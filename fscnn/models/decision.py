@@ -29,7 +29,7 @@ def split(scores: Tensor) -> tuple[Tensor, Tensor | None]:
 
 
 def rail_probability(classes: Tensor, rails: Tensor | None, stride: int = 2) -> Tensor:
-    """Probability of rail at every pixel of the scores that :func:`split` gives: (N, 1, h·s, w·s)."""
+    """Probability of rail at every pixel, (N, 1, h·s, w·s), of what :func:`split` gives."""
     if rails is not None:
         return functional.pixel_shuffle(rails, stride).sigmoid()
     both = classes.softmax(1)[:, RAIL_RAISED : RAIL_EMBEDDED + 1].sum(1, keepdim=True)

@@ -25,7 +25,7 @@ from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, RAIL_EMBEDDED, RAIL_RAISED, RAILS, VOID
 from railinspect.scenes import Rendered
 from railinspect.scenes.draft import World
-from railinspect.scenes.ground import RAIL_HEIGHT_M
+from railinspect.scenes.rails import RAIL_HEIGHT_M
 from railinspect.scenes.render import rail_points
 from railinspect.segmenter import Segmentation
 from railinspect.track import TrackFollower

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect import labels
-from railinspect.scenes import ground as g
+from railinspect.scenes import tables
 from railinspect.scenes.backdrop import skyline
 from railinspect.scenes.settings import SceneSettings
 from railinspect.scenes.weather import Weather
@@ -109,21 +109,23 @@ def draw_appearance(rng: np.random.Generator, settings: SceneSettings) -> Appear
     else:
         zenith, horizon, cloud = np.array([26.0, 30, 42]), np.array([58.0, 56, 60]), 0.3
     look = np.zeros(16)
-    look[g.LOOK_BED_R : g.LOOK_BED_B + 1] = bed
-    look[g.LOOK_BED_GRAIN] = rng.uniform(0.08, 0.34)
-    look[g.LOOK_RUST_R : g.LOOK_RUST_B + 1] = jitter(rng, _RUST[rng.integers(len(_RUST))], 0.2)
-    look[g.LOOK_SUN_SIDE] = sun_side
-    look[g.LOOK_SHADOW] = rng.uniform(0.6, 1.0) if sunny else rng.uniform(0.0, 0.3)
-    look[g.LOOK_DAPPLE] = rng.uniform(0.2, 0.8) if sunny and rng.random() < 0.35 else 0.0
-    look[g.LOOK_WEEDS] = rng.uniform(0.3, 0.9) if rng.random() < 0.25 else 0.0
-    look[g.LOOK_OIL] = rng.uniform(0.0, 0.5)
+    look[tables.LOOK_BED_R : tables.LOOK_BED_B + 1] = bed
+    look[tables.LOOK_BED_GRAIN] = rng.uniform(0.08, 0.34)
+    look[tables.LOOK_RUST_R : tables.LOOK_RUST_B + 1] = jitter(
+        rng, _RUST[rng.integers(len(_RUST))], 0.2
+    )
+    look[tables.LOOK_SUN_SIDE] = sun_side
+    look[tables.LOOK_SHADOW] = rng.uniform(0.6, 1.0) if sunny else rng.uniform(0.0, 0.3)
+    look[tables.LOOK_DAPPLE] = rng.uniform(0.2, 0.8) if sunny and rng.random() < 0.35 else 0.0
+    look[tables.LOOK_WEEDS] = rng.uniform(0.3, 0.9) if rng.random() < 0.25 else 0.0
+    look[tables.LOOK_OIL] = rng.uniform(0.0, 0.5)
     if weather.rain > 0 or (settings.weather and rng.random() < 0.05):
-        look[g.LOOK_WET] = rng.uniform(0.2, 0.8)
-    look[g.LOOK_SKY] = float(np.mean(horizon))
+        look[tables.LOOK_WET] = rng.uniform(0.2, 0.8)
+    look[tables.LOOK_SKY] = float(np.mean(horizon))
     if sunny and settings.distractors and rng.random() < 0.3:
         start = rng.uniform(-8, 6)
-        look[g.LOOK_SHADE_FROM] = start
-        look[g.LOOK_SHADE_TO] = start + rng.choice([0.15, 0.4, 3.0, 12.0])
+        look[tables.LOOK_SHADE_FROM] = start
+        look[tables.LOOK_SHADE_TO] = start + rng.choice([0.15, 0.4, 3.0, 12.0])
     layers, lines = [], []
     for level in range(int(rng.integers(1, 4))):
         far = 800.0 * 2.2**level

@@ -1,8 +1,7 @@
 """Shading of everything that lies on the ground: terrain, bed, sleepers, rails, roads.
 
 Each pixel's ray is cut with the rail-top surface and with the surface of the bed below it; the
-track coordinates of both points decide what is seen. Thin things are filtered analytically over
-the pixel's footprint, so a rail 0.1 px wide darkens or brightens its pixel by a tenth.
+track coordinates of both points decide what is seen.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from numba import njit
 
 from railinspect.labels import (
     RAIL_EMBEDDED,
-    RAIL_HEAD_WIDTH_M,
     RAIL_RAISED,
     RAIL_TRACK,
     ROAD,
@@ -20,126 +18,68 @@ from railinspect.labels import (
     TRAM_TRACK,
 )
 from railinspect.scenes.noise import sample
+from railinspect.scenes.rails import (
+    LABEL_MIN_GAP_PX,
+    RAIL_HEIGHT_M,
+    displacement,
+    overlap,
+    shade_rail,
+)
+from railinspect.scenes.tables import (
+    CROSS_B,
+    CROSS_FAR,
+    CROSS_G,
+    CROSS_MARK,
+    CROSS_NEAR,
+    CROSS_R,
+    LOOK_BED_B,
+    LOOK_BED_G,
+    LOOK_BED_GRAIN,
+    LOOK_BED_R,
+    LOOK_DAPPLE,
+    LOOK_OIL,
+    LOOK_SHADE_FROM,
+    LOOK_SHADE_TO,
+    LOOK_SHADOW,
+    LOOK_SKY,
+    LOOK_WEEDS,
+    LOOK_WET,
+    TRACK_BED_HALF,
+    TRACK_EMBEDDED,
+    TRACK_SLEEPER_B,
+    TRACK_SLEEPER_G,
+    TRACK_SLEEPER_HALF,
+    TRACK_SLEEPER_PITCH,
+    TRACK_SLEEPER_R,
+    TRACK_SLEEPER_WIDTH,
+    ZONE_B,
+    ZONE_G,
+    ZONE_GRAIN,
+    ZONE_HIGH,
+    ZONE_KIND,
+    ZONE_LABEL,
+    ZONE_LOW,
+    ZONE_MARK,
+    ZONE_R,
+)
 
 SLOPE_STEP = 2e-4
 """Resolution of the ray-slope table (tangent of the angle below the horizontal)."""
 
-RAIL_HEIGHT_M = 0.17
-"""Height of the rail tops above the sleepers, metres."""
-
 FAR_M = 1500.0
 """Ground beyond this distance belongs to the backdrop, metres."""
 
-RAIL_SIDE_M = 0.045
-"""Height of the head's side face, metres: below it the web lies back in the head's shadow."""
-
-RAIL_FOOT_M = 0.14
-"""Depth below the rail top at which the foot begins, metres."""
-
-RAIL_WEB_HALF_M, RAIL_FOOT_HALF_M = 0.009, 0.072
-"""Half the width of the web and of the foot, metres."""
-
-LABEL_MIN_HALF_PX = 1.0
-"""Half the least width at which a rail is labelled, pixels (the head's own width when wider)."""
-
-LABEL_MIN_GAP_PX = 1.0
-"""Least distance of a track's two rails, pixels, at which they are labelled: beyond it nobody sees
-that there are two, as where a curve's far end lies along the horizon."""
-
-# Columns of the zone table: a strip of ground along the track.
-ZONE_LOW, ZONE_HIGH, ZONE_R, ZONE_G, ZONE_B, ZONE_GRAIN, ZONE_KIND, ZONE_LABEL, ZONE_MARK = range(9)
-# Columns of the crossing table: a road across the track.
-CROSS_NEAR, CROSS_FAR, CROSS_R, CROSS_G, CROSS_B, CROSS_MARK = range(6)
-# Columns of the per-track table.
-(
-    TRACK_BED_HALF,
-    TRACK_SLEEPER_PITCH,
-    TRACK_SLEEPER_WIDTH,
-    TRACK_SLEEPER_HALF,
-    TRACK_SLEEPER_R,
-    TRACK_SLEEPER_G,
-    TRACK_SLEEPER_B,
-    TRACK_SHINE,
-    TRACK_HEAD_R,
-    TRACK_HEAD_G,
-    TRACK_HEAD_B,
-    TRACK_EMBEDDED,
-) = range(12)
-# Columns of the disturbance table: lateral displacement of the ego rails.
-WAVE_START, WAVE_LENGTH, WAVE_AMPLITUDE, WAVE_PERIOD, WAVE_LEFT, WAVE_RIGHT = range(6)
-# Entries of the look vector.
-(
-    LOOK_BED_R,
-    LOOK_BED_G,
-    LOOK_BED_B,
-    LOOK_BED_GRAIN,
-    LOOK_RUST_R,
-    LOOK_RUST_G,
-    LOOK_RUST_B,
-    LOOK_SUN_SIDE,
-    LOOK_SHADOW,
-    LOOK_DAPPLE,
-    LOOK_WEEDS,
-    LOOK_WET,
-    LOOK_OIL,
-    LOOK_SHADE_FROM,
-    LOOK_SHADE_TO,
-    LOOK_SKY,
-) = range(16)
-
-
-@njit(cache=True, error_model="numpy")
-def displacement(waves, along, side):  # type: ignore[no-untyped-def]  # compiled for each type
-    """Lateral displacement of an ego rail by the planted distortions, metres.
-
-    A distortion of ``WAVE_PERIOD`` > 0 is a ripple A·sin(2π s/λ) under a sin² window; one of
-    period 0 is a single bulge A·sin²(π s/L) (a buckle).
-
-    Args:
-        waves: Table of distortions, shape (N, 6); chainages as in ``along``.
-        along: Position along the track, metres.
-        side: +1 for the left rail, -1 for the right.
-    """
-    total = 0.0
-    for i in range(waves.shape[0]):
-        into = along - waves[i, WAVE_START]
-        length = waves[i, WAVE_LENGTH]
-        if 0.0 < into < length:
-            window = np.sin(np.pi * into / length)
-            share = waves[i, WAVE_LEFT] if side > 0 else waves[i, WAVE_RIGHT]
-            period = waves[i, WAVE_PERIOD]
-            if period > 0:
-                total += (
-                    share * waves[i, WAVE_AMPLITUDE] * window * np.sin(2 * np.pi * into / period)
-                )
-            else:
-                total += share * waves[i, WAVE_AMPLITUDE] * window * window
-    return total
-
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _overlap(centre, width, low, high):  # type: ignore[no-untyped-def]  # compiled
-    left = max(centre - width / 2, low)
-    right = min(centre + width / 2, high)
-    return max(0.0, right - left) / width
+def _across(offsets, k, index, part, left):  # type: ignore[no-untyped-def]  # compiled
+    """Distance of a place from a track, square to it, NaN where it has none; its slant, its lean.
 
-
-@njit(cache=True, inline="always", error_model="numpy")
-def _flank(top, bed, width, low, high, middle, half):  # type: ignore[no-untyped-def]  # compiled
-    """Share of a pixel in which a ray meets a bar ``middle`` ± ``half`` at depths low … high.
-
-    The ray crosses the rail-top surface at ``top`` and the bed, ``RAIL_HEIGHT_M`` below, at
-    ``bed``. Sideways it sweeps what lies between, widened by the pixel's footprint.
+    A track may run aslant of the ego track, and in a junction it turns within a few metres.
     """
-    start = top + (bed - top) * (low / RAIL_HEIGHT_M)
-    end = top + (bed - top) * (high / RAIL_HEIGHT_M)
-    left = min(start, end) - width / 2
-    right = max(start, end) + width / 2
-    seen = min(right, middle + half) - max(left, middle - half)
-    if seen <= 0:
-        return 0.0
-    cover = min(1.0, seen / min(2 * half, right - left))
-    return cover * min(1.0, 2 * half / width + 0.15)
+    low, high = offsets[k, index], offsets[k, index + 1]
+    aslant = high - low
+    lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
+    return (left - low - part * aslant) * lean, aslant, lean
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -213,12 +153,10 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
     """
     rows, cols = labels.shape
     half_gauge = spacing / 2
-    half_head = RAIL_HEAD_WIDTH_M / 2
     count = tracks.shape[0]
     cells = plan.shape[0]
     span = offsets.shape[1]
     lower = (height + RAIL_HEIGHT_M) / height
-    sun = look[LOOK_SUN_SIDE]
     for v in range(rows):
         down = (v - centre_v) / focal
         for u in range(cols):
@@ -274,6 +212,8 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             index = min(max(index, 0), span - 2)
             shine_light = light[index]
             part = min(max(bed_along - offsets_start - index, 0.0), 1.0)
+            top_index = min(max(int(top_along - offsets_start), 0), span - 2)
+            top_part = min(max(top_along - offsets_start - top_index, 0.0), 1.0)
 
             flush = False
             crossing = -1
@@ -288,19 +228,10 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             top_distance = 1e9
             bed_cover = 0.0
             for k in range(count):
-                low = offsets[k, index]
-                high = offsets[k, index + 1]
-                if np.isnan(low) or np.isnan(high):
-                    continue
-                # Distances are square to the track, which may run aslant of the ego track.
-                aslant = high - low
-                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
-                gap = (bed_left - (low + part * aslant)) * lean
-                if abs(gap) < abs(distance):
-                    distance = gap
-                    top_distance = (
-                        gap + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
-                    )
+                bed, _, _ = _across(offsets, k, index, part, bed_left)
+                if abs(bed) < abs(distance):  # NaN compares False
+                    distance = bed
+                    top_distance, _, _ = _across(offsets, k, top_index, top_part, top_left)
                     nearest = k
             if nearest >= 0 and tracks[nearest, TRACK_EMBEDDED] > 0:
                 flush = True
@@ -327,11 +258,11 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
             label = int(zones[zone, ZONE_LABEL])
             if zones[zone, ZONE_MARK] > 0:
                 middle = (zones[zone, ZONE_LOW] + zones[zone, ZONE_HIGH]) / 2
-                paint = _overlap(left, width, middle - 0.07, middle + 0.07)
+                paint = overlap(left, width, middle - 0.07, middle + 0.07)
                 if zones[zone, ZONE_MARK] > 1:
                     paint *= _comb(along + chainage, pixel_along, 9.0, 4.0)
                 for edge in (zones[zone, ZONE_LOW] + 0.25, zones[zone, ZONE_HIGH] - 0.25):
-                    paint = max(paint, _overlap(left, width, edge - 0.06, edge + 0.06))
+                    paint = max(paint, overlap(left, width, edge - 0.06, edge + 0.06))
                 paint *= 0.85
                 r += paint * (225 - r)
                 g += paint * (225 - g)
@@ -345,7 +276,7 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
                 label = ROAD
                 if crossings[crossing, CROSS_MARK] > 0 and abs(left) > 3.0:
                     middle = (crossings[crossing, CROSS_NEAR] + crossings[crossing, CROSS_FAR]) / 2
-                    paint = _overlap(along, pixel_along, middle - 0.07, middle + 0.07)
+                    paint = overlap(along, pixel_along, middle - 0.07, middle + 0.07)
                     r += paint * (225 - r)
                     g += paint * (225 - g)
                     b += paint * (220 - b)
@@ -420,74 +351,24 @@ def shade_ground(  # type: ignore[no-untyped-def]  # compiled; types are those o
 
             # Rails: every track whose heads can show in this pixel.
             for k in range(count):
-                low = offsets[k, index]
-                high = offsets[k, index + 1]
-                if np.isnan(low) or np.isnan(high):
-                    continue
                 # Where the ray meets both surfaces and its pixel's footprint, square to this track.
-                aslant = high - low
-                lean = 1.0 / np.sqrt(1.0 + aslant * aslant)
-                bed = (bed_left - low - part * aslant) * lean
-                top = bed + (top_left - bed_left + aslant * (bed_along - top_along)) * lean
+                bed, _, _ = _across(offsets, k, index, part, bed_left)
+                top, aslant, lean = _across(offsets, k, top_index, top_part, top_left)
+                if np.isnan(bed) or np.isnan(top):
+                    continue
                 over = pixel_along * abs(aside * cos - sin - aslant * (cos + aside * sin))
                 wide = np.sqrt(pixel_x * pixel_x + over * over) * lean
                 if abs(top) > spacing + 0.8 + 2 * wide:
                     continue
-                embedded = flush
                 for side in (1.0, -1.0):
                     rail = side * half_gauge
                     if k == 0:
                         rail += displacement(waves, top_along, side)
-                    if not embedded:
-                        # cast shadow on the bed, away from the sun
-                        near = rail - sun * half_head
-                        far = near - sun * RAIL_HEIGHT_M * 1.2
-                        cover = _overlap(bed, wide, min(near, far), max(near, far))
-                        cover *= look[LOOK_SHADOW] * 0.6
-                        r *= 1 - cover
-                        g *= 1 - cover
-                        b *= 1 - cover
-                        # the flank, from the foot up: what lies higher hides what lies lower
-                        side_light = 0.75 if sun * (rail - bed) > 0 else 0.5
-                        for deep, deeper, half, gain in (
-                            (RAIL_FOOT_M, RAIL_HEIGHT_M, RAIL_FOOT_HALF_M, 1.15),
-                            (RAIL_SIDE_M, RAIL_FOOT_M, RAIL_WEB_HALF_M, 0.55),
-                            (0.0, RAIL_SIDE_M, half_head, 1.25),
-                        ):
-                            cover = _flank(top, bed, wide, deep, deeper, rail, half)
-                            if cover > 0:
-                                gain *= side_light
-                                r += cover * (look[LOOK_RUST_R] * gain - r)
-                                g += cover * (look[LOOK_RUST_G] * gain - g)
-                                b += cover * (look[LOOK_RUST_B] * gain - b)
-                    else:
-                        # flange groove on the inside of an embedded rail
-                        groove = rail - side * (half_head + 0.03)
-                        cover = 0.75 * _overlap(top, wide, groove - 0.03, groove + 0.03)
-                        r *= 1 - cover
-                        g *= 1 - cover
-                        b *= 1 - cover
-                    cover = _overlap(top, wide, rail - half_head, rail + half_head)
-                    if cover > 0:
-                        r += cover * (tracks[k, TRACK_HEAD_R] * 0.62 - r)
-                        g += cover * (tracks[k, TRACK_HEAD_G] * 0.62 - g)
-                        b += cover * (tracks[k, TRACK_HEAD_B] * 0.62 - b)
-                        inner = rail - side * 0.008
-                        cover = _overlap(top, wide, inner - 0.024, inner + 0.024)
-                        cover *= tracks[k, TRACK_SHINE]
-                        r += cover * (tracks[k, TRACK_HEAD_R] - r)
-                        g += cover * (tracks[k, TRACK_HEAD_G] - g)
-                        b += cover * (tracks[k, TRACK_HEAD_B] - b)
-                    # The label is the head as it is seen: of other tracks its side face too. The
-                    # ego rails are seen from above; theirs is the top alone, which gauge and range
-                    # are measured on.
-                    side_seen = 0.0
-                    if k > 0 and not embedded:
-                        side_seen = (bed - top) * (RAIL_SIDE_M / RAIL_HEIGHT_M)
-                    told_apart = spacing >= LABEL_MIN_GAP_PX * wide
-                    half_label = max(half_head + abs(side_seen) / 2, LABEL_MIN_HALF_PX * wide)
-                    if told_apart and abs(top - rail + side_seen / 2) <= half_label:
-                        label = RAIL_EMBEDDED if embedded else RAIL_RAISED
+                    r, g, b, labelled = shade_rail(
+                        r, g, b, side, rail, top, bed, wide, flush, k == 0, tracks[k], look
+                    )
+                    if labelled and spacing >= LABEL_MIN_GAP_PX * wide:
+                        label = RAIL_EMBEDDED if flush else RAIL_RAISED
 
             # Illumination: tunnels and shadows.
             shade = shine_light

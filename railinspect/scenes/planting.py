@@ -7,14 +7,13 @@ from typing import Literal
 import numpy as np
 
 from railinspect import labels
-from railinspect.scenes import ground as g
-from railinspect.scenes import movables
+from railinspect.scenes import movables, rails, tables
 from railinspect.scenes.draft import Draft, Thing
 
 AnomalyType = Literal["distortion", "obstruction", "trespasser"]
 ANOMALY_TYPES: tuple[AnomalyType, ...] = ("distortion", "obstruction", "trespasser")
 
-BED_LEVEL_M = -g.RAIL_HEIGHT_M
+BED_LEVEL_M = -rails.RAIL_HEIGHT_M
 
 
 def plant(
@@ -41,9 +40,9 @@ def plant(
     half = draft.spacing_m / 2
     up = BED_LEVEL_M
     for row in draft.crossings:
-        if row[g.CROSS_NEAR] <= chainage_m <= row[g.CROSS_FAR]:
+        if row[tables.CROSS_NEAR] <= chainage_m <= row[tables.CROSS_FAR]:
             up = 0.0
-    if draft.tracks and draft.tracks[0][g.TRACK_EMBEDDED] > 0:
+    if draft.tracks and draft.tracks[0][tables.TRACK_EMBEDDED] > 0:
         up = 0.0
     if kind == "distortion":
         amplitude = float(rng.uniform(clear_of_m or 0.12, 0.30))

@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from railinspect.camera import Camera
 from railinspect.labels import SKY
-from railinspect.scenes import backdrop, planting
+from railinspect.scenes import backdrop, planting, tables
 from railinspect.scenes import ground as g
 from railinspect.scenes.alignment import LocalTrack
 from railinspect.scenes.draft import START_M, World
 from railinspect.scenes.noise import pyramids
+from railinspect.scenes.rails import displacement
 from railinspect.scenes.raster import draw
 from railinspect.scenes.settings import SceneSettings
 from railinspect.scenes.weather import develop
@@ -197,8 +198,8 @@ def view(
 def _shift(world: World, chainage_m: float) -> tuple[Array, Array]:
     """Distortions and crossings with positions counted from the observer."""
     waves, crossings = world.waves.copy(), world.crossings.copy()
-    waves[:, g.WAVE_START] -= chainage_m
-    crossings[:, [g.CROSS_NEAR, g.CROSS_FAR]] -= chainage_m
+    waves[:, tables.WAVE_START] -= chainage_m
+    crossings[:, [tables.CROSS_NEAR, tables.CROSS_FAR]] -= chainage_m
     return waves, crossings
 
 
@@ -289,7 +290,7 @@ def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
     room = np.array(camera.principal_uv) + 0.5
     shrink = float(min(1.0, (room / np.abs(offset).reshape(-1, 2).max(axis=0)).min()))
     source = offset * shrink + np.array(camera.principal_uv)
-    # Written out: OpenCV's own interpolation knows 32 places between two samples, half a pixel here.
+    # Written out: OpenCV interpolates at 32 places between two samples, half a pixel here.
     grid = np.einsum("va,abc,ub->vuc", _hats(height, 25), source, _hats(width, 41), optimize=True)
     return np.asarray(grid, np.float32), shrink
 
@@ -297,7 +298,8 @@ def _lens_grid(camera: Camera) -> tuple[npt.NDArray[np.float32], float]:
 def _hats(pixels: int, samples: int) -> Array:
     """Weights (pixels, samples) that interpolate linearly between samples spread over an axis."""
     at = np.linspace(0, samples - 1, pixels)
-    return np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(samples)))
+    hats: Array = np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(samples)))
+    return hats
 
 
 _NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be absent
@@ -340,8 +342,8 @@ def rail_points(
 ) -> Array:
     """World points of an ego rail's head at the given distances, shape (N, 3)."""
     waves = world.waves.copy()
-    waves[:, g.WAVE_START] -= chainage_m
-    shift = np.array([g.displacement(waves, a, side) for a in along_m])
+    waves[:, tables.WAVE_START] -= chainage_m
+    shift = np.array([displacement(waves, a, side) for a in along_m])
     return track.to_world(along_m, side * world.spacing_m / 2 + shift, 0.0)
 
 

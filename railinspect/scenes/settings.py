@@ -52,7 +52,7 @@ class SceneSettings:
                 f"the camera delivers {self.camera.size_wh}, the scene asks for {self.size_wh}; "
                 "use camera.resized(size_wh)"
             )
-        if not (self.closer == 1 or self.camera is None and 1 <= self.closer <= 8):
+        if not (self.closer == 1 or (self.camera is None and 1 <= self.closer <= 8)):
             raise BadInputError(
                 f"closer is {self.closer}; a random camera's view is narrowed by 1…8 times, a "
                 "given camera's by none"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from railinspect.scenes import ground as g
+from railinspect.scenes import tables
 from railinspect.scenes.alignment import Alignment
 from railinspect.scenes.appearance import jitter
 from railinspect.scenes.draft import Array, Draft
@@ -84,8 +84,8 @@ def add_track(
             0.0,
             embedded,
         ]
-    base[g.TRACK_SHINE : g.TRACK_HEAD_B + 1] = _rail_colours(rng, used)
-    base[g.TRACK_EMBEDDED] = embedded
+    base[tables.TRACK_SHINE : tables.TRACK_HEAD_B + 1] = _rail_colours(rng, used)
+    base[tables.TRACK_EMBEDDED] = embedded
     (draft.turns if turn else draft.offsets).append(offset)
     draft.tracks.append(tuple(float(b) for b in base))
 

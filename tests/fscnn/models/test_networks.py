@@ -2,7 +2,7 @@ import pytest
 import torch
 import torchvision
 
-from fscnn.models import NAMES, build, decide, rail_probability, settings_of
+from fscnn.models import NAMES, build, decide, rail_probability, settings_of, split
 from fscnn.models.backbones import BACKBONES, IMAGENET_MEAN, IMAGENET_STD, Backbone
 from railinspect.errors import BadInputError
 from railinspect.labels import HUMAN, RAIL_EMBEDDED, RAIL_RAISED, SKY
@@ -179,7 +179,7 @@ def test_rail_scores_of_a_cells_pixels_decide_where_there_are_any() -> None:
     assert labels[0].tolist() == [[SKY, RAIL_EMBEDDED], [RAIL_EMBEDDED, SKY]]
     assert rail_score[0].tolist() == [[0, 255], [255, 0]]
     assert confidence.unique().tolist() == [255]
-    assert rail_probability(scores, None).flatten().tolist() == pytest.approx([0, 1, 1, 0])
+    assert rail_probability(*split(scores)).flatten().tolist() == pytest.approx([0, 1, 1, 0])
 
 
 def test_huge_scores_stay_finite() -> None:

@@ -3,8 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from railinspect.scenes.ground import displacement
 from railinspect.scenes.noise import LEVELS, TILE_PX, pyramids, sample
+from railinspect.scenes.rails import displacement
 
 
 def test_ripple_is_the_stated_function() -> None:

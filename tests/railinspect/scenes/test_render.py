@@ -20,8 +20,9 @@ from railinspect.scenes import (
     write_images,
 )
 from railinspect.scenes.dataset import IMAGES, MASKS
-from railinspect.scenes.ground import FAR_M, RAIL_SIDE_M
+from railinspect.scenes.ground import FAR_M
 from railinspect.scenes.planting import plant
+from railinspect.scenes.rails import RAIL_SIDE_M
 from railinspect.scenes.render import Rendered, rail_points, view
 from railinspect.scenes.tracks import TURN_REACH_M, add_track
 from railinspect.scenes.world import begin, finish
