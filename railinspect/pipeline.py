@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from railinspect._threads import one_ahead, prefetch
+from railinspect.adviser import Adviser
 from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
 from railinspect.findings import Finding, find
@@ -21,7 +21,6 @@ from railinspect.fovea import for_stills
 from railinspect.journey import Journey
 from railinspect.ranging import Absent, FrameRanging, Motion, MotionFilter, Range
 from railinspect.ranging.calibrate_ride import DriftMonitor
-from railinspect.ranging.independent import last_independent
 from railinspect.ranging.stereo import check_sides
 from railinspect.ranging.stereo_view import StereoView
 from railinspect.records import FrameRecord, LocatedFinding, Status
@@ -29,32 +28,20 @@ from railinspect.segmenter import Segmenter
 from railinspect.speed_log import SpeedLog
 from railinspect.suspicion import Suspicions
 from railinspect.thresholds import Thresholds
+from railinspect.thumbnail import cut_out
 from railinspect.track import TrackFollower, TrackGeometry
 from railinspect.track.geometry import SegmentationLike
 from railinspect.video import Frame, Source, open_source
 from railops.braking import (
     Advice,
-    BrakeMoment,
-    BrakeMoments,
     Policy,
-    RangeMeasurement,
     Train,
     decide,
 )
-from railops.errors import CannotStopError
 
 if TYPE_CHECKING:
     from railinspect.camera import Camera
     from railinspect.ranging.stereo_camera import StereoCamera
-
-ACTIONS: Final = ("none", "warn", "service", "emergency")
-"""Advised actions from the mildest to the most severe."""
-
-DECISION_S: Final = 1.0
-"""A confirmed event counts in the decision with its ranges of this last time, seconds."""
-
-THUMBNAIL_WH: Final = (240, 160)
-"""Largest size of an event's picture, pixels."""
 
 SegmentFunction = Callable[[npt.NDArray[np.uint8]], SegmentationLike]
 """From an RGB image, uint8 (H, W, 3), to its segmentation; a ``Segmenter`` is one."""
@@ -113,10 +100,9 @@ class Inspector:
         if train is None and speed_log is not None:
             train = Train(speed_mps=speed_log.highest_mps)
         self._journey = Journey(train, speed_log, speed_is_known) if train else None
-        self._places: dict[int, tuple[float, float, float]] = {}
-        self._policy = policy or Policy()
         self._thresholds = thresholds or Thresholds()
         self._steps = steps or Steps()
+        self._adviser = Adviser(policy or Policy(), self._steps.decide)
         self._events = EventTracker(event_settings, first_event_id)
         self._suspicions = Suspicions(event_settings)
         self._motion = EgoMotion()
@@ -229,7 +215,7 @@ class Inspector:
             roi_uv=track.roi_uv,
             reach_m=track.reach_m,
             findings=located,
-            advice=self._advise(frame.time_s, update.live, doubt is not None),
+            advice=self._advise(update.live, frame.time_s, doubt is not None),
             speed_mps=self.speed_mps,
             speed_error_mps=self._speed_error_mps,
             camera_drift=drift.alarm if drift is not None else None,
@@ -325,108 +311,16 @@ class Inspector:
             return track.reason or "the rails cannot be followed"
         return None
 
-    def _advise(self, time_s: float, live: tuple[Event, ...], unknown: bool) -> Advice | None:
-        """The most severe advice over all confirmed events; None if there is nothing to decide."""
+    def _advise(self, live: tuple[Event, ...], time_s: float, unknown: bool) -> Advice | None:
         if self._journey is None:
             return None
-        advised: list[Advice] = []
-        for event in live:
-            if time_s - event.last_time_s > DECISION_S:
-                continue
-            if event.doubt:  # no thing to stop for, but no clear track either
-                unknown = True
-                continue
-            measured = self._measurements(event, time_s)
-            self._note_place(event.id, measured[-1], time_s)
-            advice = self._decide(measured, unknown, time_s)
-            self._events.note_advice(
-                event.id, advice.action, ACTIONS.index(advice.action), advice.reason, time_s
-            )
-            advised.append(advice)
-        if not advised and unknown:
-            advised = [self._decide([], unknown, time_s)]
-        return max(advised, key=_severity, default=None)
-
-    def _measurements(self, event: Event, time_s: float) -> list[RangeMeasurement]:
-        """The event's last independent ranges of this second, or that it has none."""
-        seen = self._events.ranges_since(event.id, time_s - DECISION_S)
-        if not seen:
-            nothing = (math.nan, math.nan)
-            return [RangeMeasurement(time_s, math.nan, math.nan, nothing, valid=False)]
-        taken = last_independent(seen, max(self._policy.measurements, 1))
-        return [RangeMeasurement(r.time_s, r.range_m, r.std_m, r.interval_m) for r in taken]
-
-    def _note_place(self, event_id: int, measured: RangeMeasurement, time_s: float) -> None:
-        """Keep where on the line the best of an event's measurements so far puts it.
-
-        The best is the one from which least has to be deducted. Only those made where the train's
-        own place was known say anything about the event's.
-        """
-        assert self._journey is not None
-        if not measured.valid or measured.time_s != time_s:
-            return
-        place_m = self._journey.place_m(measured, self._policy)
-        if place_m is None:
-            return
-        deducted_m = measured.range_m - self._policy.range_lower_m(measured)
-        if event_id in self._places and self._places[event_id][0] <= deducted_m:
-            deducted_m, place_m, _ = self._places[event_id]
-        self._places[event_id] = (deducted_m, place_m, time_s)
+        return self._adviser.advise(self._journey, self._events, live, time_s, unknown)
 
     def _looked_back(self, event: Event) -> Event:
-        """An ended event with the moments at which braking for it had to start."""
-        if self._journey is None:
-            return event
-        if event.id not in self._places:
-            unknown = BrakeMoment("unknown")
-            return replace(event, brake=BrakeMoments(unknown, unknown))
-        _, place_m, last_s = self._places.pop(event.id)
-        return replace(event, brake=self._journey.moments(last_s, place_m, self._policy))
-
-    def _decide(self, measured: list[RangeMeasurement], unknown: bool, time_s: float) -> Advice:
-        assert self._journey is not None
-        try:
-            return self._steps.decide(
-                measured,
-                self._journey.train,
-                self._policy,
-                perception_unknown=unknown,
-                time_s=time_s,
-                speed_unknown=self._journey.in_doubt,
-            )
-        except CannotStopError as error:
-            if error.advice is None:
-                raise
-            advice: Advice = error.advice
-            return advice
+        return self._adviser.looked_back(self._journey, event) if self._journey else event
 
     def _thumbnail(self, frame: Frame, event_id: int) -> bytes:
         return cut_out(frame.rgb, self._events.box_of(event_id))
-
-
-def cut_out(rgb: npt.NDArray[np.uint8], box_xyxy: tuple[float, float, float, float]) -> bytes:
-    """A JPEG of the box with its surroundings, the box outlined, at most 240×160 pixels."""
-    height, width = rgb.shape[:2]
-    x0, y0, x1, y1 = box_xyxy
-    half_w = max(0.8 * (x1 - x0), 1.2 * (y1 - y0), 48.0)
-    half_h = half_w * THUMBNAIL_WH[1] / THUMBNAIL_WH[0]
-    centre_u = min(max((x0 + x1) / 2, half_w), max(width - half_w, width / 2))
-    centre_v = min(max((y0 + y1) / 2, half_h), max(height - half_h, height / 2))
-    left, top = max(int(centre_u - half_w), 0), max(int(centre_v - half_h), 0)
-    right, bottom = min(int(centre_u + half_w) + 1, width), min(int(centre_v + half_h) + 1, height)
-    crop = rgb[top:bottom, left:right]
-    scale = min(THUMBNAIL_WH[0] / crop.shape[1], THUMBNAIL_WH[1] / crop.shape[0])
-    size = (max(round(crop.shape[1] * scale), 1), max(round(crop.shape[0] * scale), 1))
-    picture = cv2.cvtColor(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2BGR)
-    corners = [round((x0 - left) * scale) - 2, round((y0 - top) * scale) - 2]
-    corners += [round((x1 - left) * scale) + 2, round((y1 - top) * scale) + 2]
-    cv2.rectangle(picture, tuple(corners[:2]), tuple(corners[2:]), (60, 200, 255), 1, cv2.LINE_AA)
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
-
-
-def _severity(advice: Advice) -> tuple[int, float]:
-    margin_m = advice.margin_m if advice.margin_m is not None else math.inf
-    return ACTIONS.index(advice.action), -margin_m
 
 
 def _sound(distance: Range | None) -> Range | None:

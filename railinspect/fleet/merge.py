@@ -19,12 +19,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
+from railinspect.adviser import ACTIONS
 from railinspect.boxes import Box, iou
 from railinspect.fleet.finished import InputCounts
 from railinspect.fleet.stretch import PART
 from railinspect.fleet.tasks import Plan
 from railinspect.input_results import thumbnail_path
-from railinspect.pipeline import ACTIONS
 from railinspect.runinfo import write_json
 from railinspect.sinks import JsonLines
 from railinspect.sinks.json_lines import read_json_lines

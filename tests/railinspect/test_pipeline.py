@@ -11,9 +11,10 @@ import pytest
 import railinspect
 from railinspect.errors import BadInputError
 from railinspect.findings import Finding
-from railinspect.pipeline import Inspector, Steps, cut_out, inspect_video
+from railinspect.pipeline import Inspector, Steps, inspect_video
 from railinspect.ranging import Range
 from railinspect.speed_log import SpeedLog
+from railinspect.thumbnail import cut_out
 from railinspect.video import Frame
 from railops.braking import Brake, Train
 from railops.traction import Adhesion, Davis, Line
