@@ -36,8 +36,7 @@ from railinspect.ranging.shutter_detect import find_stripe
 from railinspect.ranging.shutter_scene import render_stripe
 from railinspect.ranging.stereo import StereoSettings, match
 from railinspect.ranging.stereo_camera import StereoCamera
-from railinspect.scenes import Ride, SceneSettings, demo_settings, render_stereo
-from railinspect.scenes import ground as g
+from railinspect.scenes import Ride, SceneSettings, demo_settings, render_stereo, tables
 from railinspect.scenes.render import Rendered, SceneObject
 from railinspect.segmenter import Segmentation, Segmenter
 from railinspect.track import TrackFollower
@@ -304,7 +303,7 @@ def _pfm(path: Path) -> np.ndarray:
 def _calibrated(seed: int, bundle: bool) -> tuple[float, float, float] | None:
     """Relative errors of focal length and height, and the pitch's (rad); None without sleepers."""
     ride = Ride.plan(seed, demo_settings(), duration_s=10)
-    pitch = float(ride.world.tracks[0][g.TRACK_SLEEPER_PITCH])
+    pitch = float(ride.world.tracks[0][tables.TRACK_SLEEPER_PITCH])
     if pitch <= 0:
         return None
     calibrator = RideCalibrator((640, 360), sleeper_m=pitch)

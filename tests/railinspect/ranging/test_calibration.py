@@ -19,8 +19,7 @@ from railinspect.evaluation.drawn_tracks import camera, draw
 from railinspect.ranging.calibrate_board import calibrate_boards, calibrate_folder
 from railinspect.ranging.calibrate_ride import DriftMonitor, RideCalibrator, with_ride
 from railinspect.ranging.camera_files import camera_from_kitti, camera_from_osdar23
-from railinspect.scenes import Ride, demo_settings
-from railinspect.scenes import ground as g
+from railinspect.scenes import Ride, demo_settings, tables
 from railinspect.track import TrackFollower
 
 REAL = Path(__file__).parents[4] / "shared" / "real"
@@ -78,7 +77,7 @@ def test_too_few_boards(tmp_path: Path) -> None:
 
 def test_a_ride_calibrates_its_own_camera() -> None:
     ride = Ride.plan(1, demo_settings(), duration_s=10)
-    sleepers = float(ride.world.tracks[0][g.TRACK_SLEEPER_PITCH])
+    sleepers = float(ride.world.tracks[0][tables.TRACK_SLEEPER_PITCH])
     calibrator = RideCalibrator((640, 360), sleeper_m=sleepers)
     for index in range(0, 125, 6):
         frame = ride.frame(index)
