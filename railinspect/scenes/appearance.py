@@ -189,7 +189,7 @@ def _draw_weather(rng: np.random.Generator, settings: SceneSettings, time: str) 
         dashboard=float(rng.uniform(0.03, 0.16)) if rng.random() < 0.12 else 0.0,
         glare=float(rng.uniform(0.2, 0.9)) if rng.random() < 0.07 else 0.0,
         motion_blur=float(rng.uniform(2, 12)) if rng.random() < 0.35 else 0.0,
-        defocus=float(rng.uniform(0.4, 1.3)) if rng.random() < 0.4 else 0.0,
+        defocus=float(rng.uniform(0.4, 1.3)) * settings.closer if rng.random() < 0.4 else 0.0,
         quality=int(rng.integers(28, 92)) if rng.random() < 0.45 else 0,
         caption=str(rng.choice(["Vmax 70", "120 km/h", "Cab view  1:24:07", "km 34.2"]))
         if settings.distractors and rng.random() < 0.06

@@ -26,8 +26,9 @@ class SceneSettings:
         crowded: Put one to four anomalies on every ego track, most of them near, as training needs
             that is to find things by themselves and not by what surrounds them.
         closer: How much narrower the random camera's field of view is, as a closer look's
-            (:mod:`railinspect.fovea`): 2 or 4 halve it once or twice, around the horizon, and
-            anomalies stand where such a look shows them. 1 for a whole picture.
+            (:mod:`railinspect.fovea`): 2 or 4 halve it once or twice, around the horizon. Anomalies
+            stand where such a look shows them, and what is out of focus blurs as much more. 1 for
+            a whole picture.
         min_radius_m: Tightest curve, metres, ≥ 200.
     """
 

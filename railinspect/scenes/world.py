@@ -14,8 +14,9 @@ from railinspect.scenes.settings import SceneSettings
 from railinspect.scenes.terrain import lay_ground
 from railinspect.scenes.tracks import draw_alignment, lay_tracks
 
-LOOK_DROP = -0.15
-"""Where closer looks (:mod:`railinspect.fovea`) have the horizon against their middle row."""
+LOOK_DROP = 0.15
+"""How far above their middle row closer looks (:mod:`railinspect.fovea`) have the horizon, share of
+the height."""
 
 
 def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: float) -> Camera:
@@ -24,7 +25,7 @@ def draw_camera(rng: np.random.Generator, settings: SceneSettings, gauge_m: floa
         return settings.camera
     width, height = settings.size_wh
     fov = np.radians(rng.uniform(35, 80))
-    # horizon against the middle row, share of the height
+    # horizon above the middle row, share of the height
     drop = rng.uniform(-0.12, 0.22)
     if settings.closer > 1:
         fov = 2 * np.arctan(np.tan(fov / 2) / settings.closer)

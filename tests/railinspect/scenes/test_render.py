@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from railinspect import fovea
 from railinspect.camera import Camera
 from railinspect.errors import BadInputError
 from railinspect.labels import CLASSES, HUMAN, RAIL_HEAD_WIDTH_M, RAIL_RAISED, RAILS
@@ -296,3 +297,30 @@ def test_bad_settings_are_refused_in_one_sentence(make, message: str) -> None:
 def test_frames_outside_the_ride_are_refused() -> None:
     with pytest.raises(IndexError, match="12 frames"):
         Ride.plan(1, CLEAR, duration_s=1.0, frame_rate=12).frame(12)
+
+
+@pytest.mark.parametrize("closer", [2, 4])
+def test_a_closer_look_is_narrow_and_has_the_horizon_where_looks_have_it(closer: int) -> None:
+    horizons = []
+    for seed in range(6):
+        whole = begin(seed, SceneSettings())[2]
+        close = begin(seed, SceneSettings(closer=closer))[2]
+        assert close.focal_px == pytest.approx(closer * whole.focal_px)
+        horizons.append(close.horizon_v() / close.size_wh[1])
+    assert np.mean(horizons) == pytest.approx(1 - fovea.BELOW, abs=0.1)
+
+
+def test_anomalies_stand_where_a_closer_look_shows_them() -> None:
+    seen = 0
+    for seed in range(4):
+        picture = render(seed, SceneSettings(size_wh=(320, 180), closer=4, crowded=True))
+        seen += any(thing.on_track for thing in picture.objects)
+    assert seen >= 3
+
+
+def test_a_given_cameras_view_is_not_narrowed() -> None:
+    camera = Camera.from_field_of_view((640, 360), 1.0, 2.5)
+    with pytest.raises(BadInputError, match="closer is 2"):
+        SceneSettings(camera=camera, closer=2)
+    with pytest.raises(BadInputError, match="closer is 0"):
+        SceneSettings(closer=0)
