@@ -1,13 +1,16 @@
-"""Running a producer or a consumer one step aside, in order, with a bounded queue between."""
+"""Running a producer or a consumer aside, in order, with a bounded queue between."""
 
 from __future__ import annotations
 
 import os
 import queue
 import threading
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Generic, TypeVar
 
+R = TypeVar("R")
 T = TypeVar("T")
 
 
@@ -91,6 +94,37 @@ def one_ahead(items: Iterable[T]) -> Generator[T, None, None]:
         closed.set()
         wanted.release()
         ahead.close()
+
+
+def side_by_side(
+    function: Callable[[T], R], items: Iterable[T], lanes: int
+) -> Generator[R, None, None]:
+    """Apply ``function`` to ``items`` in ``lanes`` threads at once; results come in order.
+
+    At most one result waits beside those in the making. An exception of the function or of the
+    items is raised here, after the results before it.
+    """
+    iterator, ended = iter(items), False
+    begun: deque[Future[R]] = deque()
+    broken: BaseException | None = None
+    with ThreadPoolExecutor(lanes, "railinspect-lane") as pool:
+        try:
+            while True:
+                while not ended and len(begun) <= lanes:
+                    try:
+                        begun.append(pool.submit(function, next(iterator)))
+                    except StopIteration:
+                        ended = True
+                    except BaseException as error:  # raised when its turn comes
+                        ended, broken = True, error
+                if not begun:
+                    break
+                yield begun.popleft().result()
+            if broken is not None:
+                raise broken
+        finally:
+            for future in begun:
+                future.cancel()
 
 
 class Worker(Generic[T]):

@@ -208,7 +208,8 @@ def _add_inspect(commands: Any) -> None:
         "--threads",
         type=int,
         metavar="N",
-        help="threads of the network (default: all cores but one, which follows the track)",
+        help="threads of the network: so many frames at once, or with --follow one frame on all "
+        "(default: all cores; with --follow all but one, which follows the track)",
     )
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
     parser.add_argument(
@@ -350,9 +351,11 @@ def _segmenter(options: argparse.Namespace) -> Any:
 
     threads = getattr(options, "threads", None)
     if threads is None:
-        # Following, ranging and writing run beside the network and need a core of their own: a
-        # network on every core waits at each layer for the thread that is held up.
-        threads = max(1, usable_cores() - 1)
+        threads = usable_cores()
+        if getattr(options, "follow", None):
+            # One frame on every core waits at each layer for the thread that is held up by
+            # following, ranging and writing.
+            threads = max(1, threads - 1)
     elif threads < 1:
         raise BadInputError(f"threads is {threads}; give at least 1")
     if options.bundle is None:

@@ -46,6 +46,13 @@ class Network(Protocol):
     def metadata(self) -> BundleMetadata:
         """What the bundle says about itself."""
 
+    @property
+    def threads(self) -> int:
+        """Processor threads of one picture."""
+
+    def on_one_thread(self) -> Network:
+        """The same for several pictures at once, each on a thread of its own."""
+
     def __call__(self, rgb: Image) -> Segmentation:
         """Label a picture."""
 
@@ -76,6 +83,15 @@ class Fovea:
     def metadata(self) -> BundleMetadata:
         """What the bundle says about itself."""
         return self._segmenter.metadata
+
+    @property
+    def threads(self) -> int:
+        """Processor threads of one look."""
+        return self._segmenter.threads
+
+    def on_one_thread(self) -> Fovea:
+        """The same for several images at once, each on a thread of its own."""
+        return Fovea(self._segmenter.on_one_thread(), self._camera)
 
     def __call__(self, rgb: Image) -> Segmentation:
         """Label an image, its middle by the closer looks.

@@ -7,12 +7,12 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from railinspect._threads import one_ahead, prefetch
+from railinspect._threads import one_ahead, prefetch, side_by_side
 from railinspect.adviser import Adviser
 from railinspect.ego_motion import EgoMotion
 from railinspect.events import Event, EventSettings, EventTracker, Sighting
@@ -348,15 +348,19 @@ def _sighting(finding: Finding, distance: Range | None, size_wh: tuple[int, int]
 
 Segmented = tuple[Frame, SegmentationLike]
 
+MOST_LANES: Final = 8
+"""Frames of a recording that are segmented at once: what follows them keeps up with no more."""
+
 
 def segmented_frames(
     source: Source, segmenter: SegmentFunction
 ) -> Generator[Segmented, None, None]:
     """A source's frames with their segmentations, in order; closes the source at the end.
 
-    Decoding and segmenting run ahead in a thread each: both release the interpreter, so the
-    next frame's network runs while this frame's track is followed. At most five frames wait; of
-    a live source none does, and the network takes the newest frame when the last one is taken.
+    Decoding runs ahead in a thread, and the network of the next frames in as many as it may use,
+    a frame each, while this frame's track is followed: all release the interpreter. A handful of
+    frames wait; of a live source none does, and the network takes the newest frame, with all its
+    threads, when the last one is taken.
 
     Close the iterator when leaving early, as ``contextlib.closing`` does.
     """
@@ -368,12 +372,16 @@ def segmented_frames(
             source.close()  # ends a wait for the next frame
             newest.close()
         return
+    lanes = 1 if source.kind == "image" else min(getattr(segmenter, "threads", 1), MOST_LANES)
+    network = segmenter
+    if lanes > 1:
+        network = segmenter.on_one_thread()  # type: ignore[attr-defined]  # what has threads has it
+
+    def segmented(frame: Frame) -> Segmented:
+        return frame, network(frame.rgb)
+
     with closing(source), closing(prefetch(source, depth=2)) as frames:
-        ahead = prefetch(((frame, segmenter(frame.rgb)) for frame in frames), depth=1)
-        try:
-            yield from ahead
-        finally:
-            ahead.close()
+        yield from side_by_side(segmented, frames, lanes)
 
 
 def inspect_video(

@@ -61,6 +61,7 @@ class Segmenter:
 
     Attributes:
         metadata: What the bundle says about itself.
+        threads: Processor threads of one image.
     """
 
     def __init__(self, data: bytes, name: str = "bundle", threads: int | None = None) -> None:
@@ -79,6 +80,8 @@ class Segmenter:
             threads = len(allowed(0)) if allowed else os.cpu_count() or 1
         if threads < 1:
             raise BadInputError(f"threads must be at least 1, got {threads}")
+        self.threads = threads
+        self._source = (data, name)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -124,6 +127,13 @@ class Segmenter:
         shipped = importlib.resources.files("railinspect") / "bundles" / "fscnn_s.onnx"
         with importlib.resources.as_file(shipped) as path:
             return Segmenter.load(path, threads)
+
+    def on_one_thread(self) -> Segmenter:
+        """The same network for several images at once, each on a thread of its own.
+
+        Two images side by side take less time than one after the other on two threads.
+        """
+        return self if self.threads == 1 else Segmenter(*self._source, threads=1)
 
     def __call__(self, rgb: Image) -> Segmentation:
         """Segment one image.

@@ -20,9 +20,10 @@ from fscnn.models.message_passing import FoldedMessagePassing
 
 @dataclass(frozen=True)
 class FscnnSConfig:
-    """Shape of FSCNN-S. The defaults are those of the shipped bundle.
+    """Shape of FSCNN-S.
 
-    Widths are multiples of eight, the number of channels CPU kernels take at a time.
+    The shipped bundle is wider at strides 2 and 4 (``configs/fscnn_s_more.yaml``). Widths
+    are multiples of eight, the number of channels CPU kernels take at a time.
 
     Attributes:
         classes: Number of classes.
