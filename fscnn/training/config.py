@@ -76,7 +76,8 @@ class TrainConfig:
     Attributes:
         seed: Seed of weights, order and transforms.
         network: Name in the registry.
-        settings: Settings of the network that differ from its defaults.
+        settings: Settings of the network that differ from its defaults; none takes those of
+            ``start_from``.
         start_from: Checkpoint or bundle (``.onnx``) whose weights training starts from, or
             ``imagenet`` for the published weights of the network's backbone; empty starts from
             random ones. A wider network of the same kind starts from a narrower one's.

@@ -10,7 +10,7 @@ import math
 import shutil
 import warnings
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -106,8 +106,8 @@ def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
             )
         weights = fold_norms(started.network) if folded else started.network
         folded = folded or started.norms_folded
-        if started.settings == settings_of(network):
-            network = weights
+        if not config.settings or started.settings == settings_of(network):
+            config, network = replace(config, settings=dict(started.settings)), weights
         else:
             network = fold_norms(network) if folded else network
             widen(weights, network)

@@ -58,6 +58,7 @@ def test_training_starts_from_it_and_half_precision_scores_the_same(tmp_path: Pa
         scores.append(fit(config))
     held = torch.load(tmp_path / "32-true" / "last.ckpt", weights_only=True)["fscnn"]
     assert held["norms_folded"]
+    assert held["recipe"]["settings"] == held["settings"] == load_bundle(SHIPPED).settings
     before = load_bundle(SHIPPED).network.state_dict()
     assert torch.equal(held["average"]["classify.weight"], before["classify.weight"])
     whole, half = (score["val/rail_iou"] for score in scores)
