@@ -82,6 +82,7 @@ class Segmenter:
             raise BadInputError(f"threads must be at least 1, got {threads}")
         self.threads = threads
         self._source = (data, name)
+        self._single: Segmenter | None = self if threads == 1 else None
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -133,7 +134,9 @@ class Segmenter:
 
         Two images side by side take less time than one after the other on two threads.
         """
-        return self if self.threads == 1 else Segmenter(*self._source, threads=1)
+        if self._single is None:  # loaded once, however many recordings follow
+            self._single = Segmenter(*self._source, threads=1)
+        return self._single
 
     def __call__(self, rgb: Image) -> Segmentation:
         """Segment one image.
