@@ -101,6 +101,7 @@ def fold_norms(network: nn.Module) -> nn.Module:
             for i in range(len(parts) - 1):
                 convolution, norm = parts[i], parts[i + 1]
                 if isinstance(convolution, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
-                    module[i] = fuse_conv_bn_eval(convolution, norm)
+                    # The fused bias would stay as it is: torch makes it of a constant.
+                    module[i] = fuse_conv_bn_eval(convolution, norm).requires_grad_()
                     module[i + 1] = nn.Identity()
     return network

@@ -169,6 +169,7 @@ def test_folding_norms_changes_nothing() -> None:
         before = network(image)
         after = fold_norms(network)(image)
     torch.testing.assert_close(after, before, rtol=1e-4, atol=1e-4)
+    assert all(weights.requires_grad for weights in network.parameters())  # it is trained on
     assert Deployed(network)(torch.zeros(1, 32, 48, 3, dtype=torch.uint8))[0].shape == (1, 32, 48)
 
 
