@@ -22,8 +22,8 @@ from fscnn.models.message_passing import FoldedMessagePassing
 class FscnnSConfig:
     """Shape of FSCNN-S.
 
-    The shipped bundle is wider at strides 2 and 4 (``configs/fscnn_s_more.yaml``). Widths
-    are multiples of eight, the number of channels CPU kernels take at a time.
+    The shipped bundle is wider at strides 2 and 4 and refines (``configs/fscnn_s_more.yaml``).
+    Widths are multiples of eight, the number of channels CPU kernels take at a time.
 
     Attributes:
         classes: Number of classes.
@@ -35,6 +35,7 @@ class FscnnSConfig:
         context: Channels of the context stage at stride 16.
         decoder: Channels of the decoder at strides 8, 4 and 2.
         detail: Channels kept of the stride-2 skip.
+        refine: Residual blocks at stride 2 behind the decoder.
         dropout: Probability of dropping a context channel while training.
     """
 
@@ -47,6 +48,7 @@ class FscnnSConfig:
     context: int = 64
     decoder: tuple[int, int, int] = (32, 16, 16)
     detail: int = 16
+    refine: int = 0
     dropout: float = 0.05
 
 
@@ -83,6 +85,9 @@ class FscnnS(nn.Module):
         self.up8 = UpStep(config.context, w8, up8, up8)
         self.up4 = UpStep(up8, w4, up4, up4)
         self.up2 = UpStep(up4, w2, config.detail, up2)
+        self.refine = nn.Sequential(*(Residual(up2, up2) for _ in range(config.refine)))
+        for block in self.refine:
+            nn.init.zeros_(block.branch[1][1].weight)  # nothing at first, so that any can be added
         self.classify = nn.Conv2d(up2, config.classes, 1)
         self.rails = nn.Conv2d(up2, self.stride**2, 3, padding=1)
         nn.init.constant_(self.rails.bias, RAIL_PRIOR)
@@ -95,5 +100,5 @@ class FscnnS(nn.Module):
         at16 = self.stage16(at8)
         messages = self.messages_norm(self.messages(self.to_messages(at16)))
         context = self.dropout(self.context(torch.cat([at16, messages], 1)))
-        fine = self.up2(self.up4(self.up8(context, at8), at4), at2)
+        fine = self.refine(self.up2(self.up4(self.up8(context, at8), at4), at2))
         return torch.cat([self.classify(fine), self.rails(fine)], 1)

@@ -1,4 +1,4 @@
-"""A trained network's weights in a wider network of the same kind, which then gives its numbers."""
+"""A trained network's weights in a larger one of the same kind, which then gives its numbers."""
 
 from __future__ import annotations
 
@@ -17,26 +17,29 @@ def widen(narrow: nn.Module, wide: nn.Module) -> None:
 
     Each map keeps its old channels in front (Net2Net's widening, Chen et al. 2016). The old
     channels take nothing from the new ones, whose own weights stay as they were drawn, so that
-    training can begin to use them.
+    training can begin to use them. Layers that only ``wide`` has keep their weights too, and must
+    add nothing to begin with, as a residual block does whose last norm starts at zero.
 
     Args:
         narrow: Network to take the weights of.
-        wide: Network of as many or more channels everywhere, and the same layers.
+        wide: Network of as many or more channels everywhere, and at least the same layers.
 
     Raises:
-        BadInputError: if the layers do not match, or where old channels do not lie in front of the
-            new ones (where maps are stacked), so that the result would not give the same numbers.
+        BadInputError: if the layers do not match, or where the result would not give the same
+            numbers: old channels that do not lie in front of the new ones (where maps are stacked),
+            or a new layer that changes its input.
     """
     held, weights = narrow.state_dict(), wide.state_dict()
-    fits = held.keys() == weights.keys() and all(
-        own.ndim == old.ndim and all(a <= b for a, b in zip(old.shape, own.shape, strict=True))
-        for own, old in zip(weights.values(), held.values(), strict=True)
+    fits = held.keys() <= weights.keys() and all(
+        weights[name].ndim == old.ndim
+        and all(a <= b for a, b in zip(old.shape, weights[name].shape, strict=True))
+        for name, old in held.items()
     )
     if not fits:
         raise _unlike(narrow, wide)
     with torch.no_grad():
-        for name, own in weights.items():
-            old = held[name]
+        for name, old in held.items():
+            own = weights[name]
             if own.ndim > 1:
                 own[: old.shape[0]] = 0
             own[tuple(slice(extent) for extent in old.shape)] = old
@@ -52,5 +55,5 @@ def widen(narrow: nn.Module, wide: nn.Module) -> None:
 def _unlike(narrow: nn.Module, wide: nn.Module) -> BadInputError:
     return BadInputError(
         f"weights of a network with {settings_of(narrow)} cannot start one with "
-        f"{settings_of(wide)}: it must be the same or wider, where no maps are stacked"
+        f"{settings_of(wide)}: it must be the same or larger, where no maps are stacked"
     )

@@ -17,7 +17,8 @@ SMALL = {"widths": [8, 8, 8, 16], "blocks": [1, 1, 2], "message_channels": 8, "c
 def test_wider_maps_change_nothing_at_first_and_learn_then(folded: bool) -> None:
     narrow = build("fscnn_s", {**SMALL, "decoder": [8, 8, 8], "detail": 8})
     wide = build(
-        "fscnn_s", {**SMALL, "widths": [16, 8, 16, 16], "decoder": [8, 16, 8], "detail": 16}
+        "fscnn_s",
+        {**SMALL, "widths": [16, 8, 16, 16], "decoder": [8, 16, 8], "detail": 16, "refine": 1},
     )
     if folded:
         narrow, wide = fold_norms(narrow), fold_norms(wide)
@@ -25,8 +26,10 @@ def test_wider_maps_change_nothing_at_first_and_learn_then(folded: bool) -> None
     image = torch.rand(2, 3, 32, 64)
     torch.testing.assert_close(wide.eval()(image), narrow.eval()(image))
     wide.train()(image).square().mean().backward()
-    new = wide.up2.filter[0].weight.grad[:, 8:]
-    assert new.abs().max() > 0
+    assert wide.up2.filter[0].weight.grad[:, 8:].abs().max() > 0
+    refining = wide.refine[0].branch[1]
+    learns = refining[0].weight if folded else refining[1].weight
+    assert learns.grad.abs().max() > 0
 
 
 def test_what_cannot_be_widened_is_refused() -> None:
