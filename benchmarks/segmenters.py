@@ -77,7 +77,13 @@ def speed(folder: Path, threads: int, repeats: int) -> list[Measure]:
 
 
 def compare(
-    folder: Path, seeds: list[int], steps: int, scenes: int, held_out: int, workers: int
+    folder: Path,
+    seeds: list[int],
+    steps: int,
+    scenes: int,
+    held_out: int,
+    workers: int,
+    more: list[str],
 ) -> list[Measure]:
     """The same budget for both mobile networks, every seed."""
     train = rendered(folder / "train", TRAIN_SEED, scenes, workers)
@@ -88,7 +94,7 @@ def compare(
         for name, found in reached.items():
             began = time.perf_counter()
             out = folder / f"{name}_{seed}"
-            found.append(scored(trained(name, seed, steps, train, out), val)["rail_iou"])
+            found.append(scored(trained(name, seed, steps, train, out, *more), val)["rail_iou"])
             spent_s[name] += time.perf_counter() - began
     measures = [
         Measure(f"rail IoU, {name}, seed {seed}", value, "", None, "higher")
@@ -110,13 +116,13 @@ def compare(
     return measures
 
 
-def overfit(folder: Path, steps: int, workers: int) -> list[Measure]:
+def overfit(folder: Path, steps: int, workers: int, more: list[str]) -> list[Measure]:
     """Rail IoU on the eight images it was trained on."""
     eight = rendered(folder / "eight", TRAIN_SEED, 8, workers, SceneSettings(size_wh=SMALL_WH))
     plain = ("data.zoom=[1, 1]", "data.aspect=1", "data.rail_share=0", "data.strength=0")
-    more = (*plain, "settings.dropout=0", "optimiser.weight_decay=0", "optimiser.average=0.95")
+    free = ("settings.dropout=0", "optimiser.weight_decay=0", "optimiser.average=0.95")
     began = time.perf_counter()
-    checkpoint = trained(OURS, 0, steps, eight, folder / "overfit", *more)
+    checkpoint = trained(OURS, 0, steps, eight, folder / "overfit", *plain, *free, *more)
     reached = scored(checkpoint, eight)["rail_iou"]
     shape = f"eight images of {SMALL_WH[0]}×{SMALL_WH[1]}, {steps} steps, {OURS}"
     return [
@@ -171,6 +177,13 @@ def main() -> None:
     arguments.add_argument("--workers", type=int, default=2, help="rendering (default 2)")
     arguments.add_argument("--threads", type=int, default=2, help="of ONNX Runtime (default 2)")
     arguments.add_argument("--repeats", type=int, default=40, help="timed frames (default 40)")
+    arguments.add_argument(
+        "--set",
+        nargs="*",
+        default=[],
+        metavar="KEY=VALUE",
+        help="settings of the trainings, e.g. run.precision=bf16-mixed",
+    )
     arguments.add_argument("--out", type=Path, help="folder to keep (default: a temporary one)")
     options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
@@ -180,7 +193,7 @@ def main() -> None:
         if "speed" in options.parts:
             measures += speed(folder, options.threads, options.repeats)
         if "overfit" in options.parts:
-            measures += overfit(folder, options.overfit_steps, options.workers)
+            measures += overfit(folder, options.overfit_steps, options.workers, options.set)
         if "train" in options.parts:
             measures += compare(
                 folder,
@@ -189,6 +202,7 @@ def main() -> None:
                 options.scenes,
                 options.held_out,
                 options.workers,
+                options.set,
             )
         if "gpu" in options.parts:
             measures += gpu()
