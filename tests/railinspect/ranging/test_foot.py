@@ -115,6 +115,21 @@ def test_people_whose_legs_the_masks_miss_stand_lower() -> None:
     assert thing[0] < LAST_ROW + 10 < LAST_ROW + 20 < blind[0]
 
 
+def test_people_stand_lower_than_their_masks_end_and_things_where_they_do() -> None:
+    # A picture that shows nothing, and a box cut off by it, of which no height follows.
+    masks, finding = coarse(LAST_ROW)
+    thing = dataclasses.replace(finding, box_xyxy=(900.0, 0.0, 960.0, float(LAST_ROW)))
+    person = dataclasses.replace(thing, type="trespasser")
+    blank = np.full((1080, 1920, 3), 112, np.uint8)
+    of_thing = refine_foot(blank, masks, thing, METRE_PX, HORIZON_V)
+    of_person = refine_foot(blank, masks, person, METRE_PX, HORIZON_V)
+    assert of_thing is not None
+    assert of_person is not None
+    assert of_thing.row == pytest.approx(LAST_ROW + 0.5, abs=1.5)
+    assert of_person.row == pytest.approx(LAST_ROW + 0.5 + 0.105 * METRE_PX, abs=2.5)
+    assert of_thing.above_px > 1.5 * of_person.above_px  # masks of things may miss a part
+
+
 def test_a_thing_at_the_edge_of_the_picture_is_left_as_it_is() -> None:
     masks, finding = coarse(LAST_ROW)
     low = dataclasses.replace(finding, foot_uv=np.array([930.0, 1079.5]))
