@@ -1,11 +1,12 @@
 """Ranging against truth: error by instrument and range band, and how often intervals hold it.
 
 Rendered rides of 1920×1080 with a focal length of 3000 px, 2.5 m above the rails, true masks
-(``--bundle`` adds the shipped network with its closer look); rendered stereo pairs; a ride that
-calibrates its own camera; the rolling-shutter sensor; closing speed from one second of video; time
-per finding as processor time. Frames are chosen so that each planted thing is seen from three of
-six distances. The error model was set on rides 600–619; figures are stated on others.
-``--parts`` runs some of it; the defaults fit into ten minutes on two quiet cores.
+(``--bundle`` adds the shipped network with its closer looks), frames judged one by one as
+``railinspect range`` judges a picture; rendered stereo pairs; a ride that calibrates its own
+camera; the rolling-shutter sensor; closing speed from one second of video; time per finding as
+processor time. Frames are chosen so that each planted thing is seen from three of six distances.
+The error model was set on rides 600–619; figures are stated on others. ``--parts`` runs some of
+it; the defaults fit into ten minutes on two quiet cores.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 from benchmarks.common import Measure, parser, publish
 from benchmarks.ranging_plots import plots
+from railinspect.boxes import overlap_share
 from railinspect.camera import Camera
 from railinspect.evaluation import true_segmentation
 from railinspect.findings import Finding, find
@@ -39,6 +41,7 @@ from railinspect.ranging.stereo_camera import StereoCamera
 from railinspect.scenes import Ride, SceneSettings, demo_settings, render_stereo, tables
 from railinspect.scenes.render import Rendered, SceneObject
 from railinspect.segmenter import Segmentation, Segmenter
+from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower
 
 SIZE_WH = (1920, 1080)
@@ -90,18 +93,20 @@ def _object_of(finding: Finding, frame: Rendered) -> SceneObject | None:
     """The thing whose foot this is; distortions are stretches, not places.
 
     A foot may be wrong by a quarter of its distance below the horizon: what is looked at is how
-    wrong it is, so the match must not choose the good ones.
+    wrong it is, so the match must not choose the good ones. Of several the one whose box shares
+    most with the finding's.
     """
     u, v = finding.foot_uv
     horizon = frame.camera.horizon_v()
+    matching = []
     for thing in frame.objects:
         left, _, right, bottom = thing.box_xyxy
         if not thing.on_track or thing.type == "distortion" or thing.range_m < BANDS_M[0][0]:
             continue
         slack = max(6.0, 0.25 * (bottom - horizon))
         if left - 6.0 <= u <= right + 6.0 and abs(bottom + 0.5 - v) <= slack:
-            return thing
-    return None
+            matching.append(thing)
+    return max(matching, key=lambda t: overlap_share(t.box_xyxy, finding.box_xyxy), default=None)
 
 
 def _ranged(
@@ -116,7 +121,8 @@ def _ranged(
     follower = TrackFollower(ride.camera)
     for _ in range(2):
         track = follower.update(seen)
-    findings = [finding for finding in find(seen, track) if finding.doubt is None]
+    found_there = find(seen, track, Thresholds().still())
+    findings = [finding for finding in found_there if finding.doubt is None]
     start = time.process_time()
     rgb = frame.rgb if masks.bundle else None
     ranging = FrameRanging(track, segmentation=seen, settings=masks.settings(), rgb=rgb)

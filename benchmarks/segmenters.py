@@ -169,7 +169,7 @@ def main() -> None:
     arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     arguments.add_argument("--steps", type=int, default=400, help="per training (default 400)")
     arguments.add_argument(
-        "--overfit-steps", type=int, default=400, help="of the overfit test (default 400)"
+        "--overfit-steps", type=int, default=2400, help="of the overfit test (default 2400)"
     )
     arguments.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="default 0 1 2")
     arguments.add_argument("--scenes", type=int, default=600, help="trained on (default 600)")

@@ -204,17 +204,19 @@ def _run_range(options: argparse.Namespace) -> int:
         return _run_box(options)
     from railinspect.camera import Camera
     from railinspect.findings import find
+    from railinspect.fovea import for_stills
     from railinspect.ranging import FrameRanging, Range
     from railinspect.records import LocatedFinding, located_json
+    from railinspect.thresholds import Thresholds
     from railinspect.track import TrackFollower
 
     rgb = read_image(options.picture)
     camera = Camera.load(options.camera) if options.camera else None
-    segmentation = _segmenter(options.bundle)(rgb)
+    segmentation = for_stills(_segmenter(options.bundle), camera)(rgb)
     track = TrackFollower(camera).update(segmentation)
     ranging = FrameRanging(track, segmentation=segmentation, stereo=_pair(options, rgb), rgb=rgb)
     located = []
-    for finding in find(segmentation, track):
+    for finding in find(segmentation, track, Thresholds().still()):
         if finding.doubt is not None:
             continue
         found = ranging.measure(finding)

@@ -62,7 +62,7 @@ class RangingSettings:
     foot_std_px: float = 0.8
     foot_mask_m: float = 0.20
     wheels_m: float = 0.10
-    foot_picture_m: float = 0.045
+    foot_picture_m: float = 0.02
     foot_along_m: float = 0.065
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
@@ -215,7 +215,7 @@ class FrameRanging:
         gauge = self._by_gauge(foot_uv, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
-        size = None if gauge is None else self._by_size(finding, kind)
+        size = None if gauge is None else self._by_size(finding, kind, foot_uv[1], foot_std_px)
         return [e for e in (gauge, plane, size) if e is not None], tails
 
     @cached_property
@@ -308,8 +308,10 @@ class FrameRanging:
             },
         )
 
-    def _by_size(self, finding: Finding, kind: int) -> Estimate | None:
-        """What is known of the thing's size."""
+    def _by_size(
+        self, finding: Finding, kind: int, foot_v: float, foot_std_px: float
+    ) -> Estimate | None:
+        """What is known of the thing's size; a height ends at the foot, wherever that was found."""
         if finding.type == "trespasser":
             kind = HUMAN
         known = KNOWN_SIZES.get(kind) if finding.type != "distortion" else None
@@ -319,14 +321,17 @@ class FrameRanging:
         width, height = self._given.size_wh
         if left <= 1 or top <= 1 or right >= width - 2 or bottom >= height - 2:
             return None  # cut off by the image's edge
-        extent = (bottom - top if known.upright else right - left) + 1.0
+        extent = foot_v + 0.5 - top if known.upright else right - left + 1.0
         px = width / 640.0
         if extent < 6.0 * px:
             return None
+        errors = {"extent": self._settings.extent_std_px * px / extent}
+        if known.upright:
+            errors["row"] = foot_std_px / extent
         return Estimate(
             known.name,
             known.size_m * self._given.focal_px / extent,
-            {"extent": self._settings.extent_std_px * px / extent},
+            errors,
             {
                 "size": known.std_m / known.size_m,
                 "focal": self._given.std.focal_px / self._given.focal_px,

@@ -126,8 +126,7 @@ def test_people_stand_lower_than_their_masks_end_and_things_where_they_do() -> N
     assert of_thing is not None
     assert of_person is not None
     assert of_thing.row == pytest.approx(LAST_ROW + 0.5, abs=1.5)
-    assert of_person.row == pytest.approx(LAST_ROW + 0.5 + 0.105 * METRE_PX, abs=2.5)
-    assert of_thing.above_px > 1.5 * of_person.above_px  # masks of things may miss a part
+    assert of_person.row == pytest.approx(LAST_ROW + 0.5 + 0.091 * METRE_PX, abs=2.0)
 
 
 def test_a_thing_at_the_edge_of_the_picture_is_left_as_it_is() -> None:
@@ -152,3 +151,30 @@ def test_ranges_take_the_row_from_the_picture() -> None:
     assert isinstance(seeing, Range)
     assert blind.range_m < 38.5
     assert seeing.range_m == pytest.approx(40.0, rel=0.01)
+
+
+def test_a_height_ends_at_the_foot_the_picture_shows() -> None:
+    cam = Camera((1280, 720), 2000.0, (639.5, 359.5), 2.5, pitch_rad=0.03)
+    masks = draw(cam, 0.0, things=[Thing(labels.HUMAN, 40.0, 0.0, 0.6, 1.66)])
+    track = TrackFollower(cam).update(masks)
+    (finding,) = find(masks, track)
+    rgb = np.full((720, 1280, 3), (120, 112, 104), np.uint8)
+    rgb[masks.labels == labels.HUMAN] = (200, 40, 30)
+    # A mask that ends a fifth of a metre above the shoes.
+    left, top, right, bottom = finding.box_xyxy
+    short = dataclasses.replace(
+        finding,
+        foot_uv=finding.foot_uv - np.array([0.0, 10.0]),
+        box_xyxy=(left, top, right, bottom - 10.0),
+    )
+    settings = RangingSettings(stands_on_m=0.0)
+    blind = FrameRanging(track, segmentation=masks, settings=settings).measure(short)
+    seeing = FrameRanging(track, segmentation=masks, settings=settings, rgb=rgb).measure(short)
+    assert isinstance(blind, Range)
+    assert isinstance(seeing, Range)
+    by_height = {
+        name: next(r.range_m for r in found.readings if r.method == "person's height")
+        for name, found in (("blind", blind), ("seeing", seeing))
+    }
+    assert by_height["blind"] > 44.0
+    assert by_height["seeing"] == pytest.approx(40.0, rel=0.02)
