@@ -222,8 +222,9 @@ class FrameRanging:
     def _horizon(self) -> tuple[float, float]:
         """The horizon's row at column 0 and how it changes by column."""
         camera = self._track.camera
-        at, middle = camera.horizon_v(0.0), camera.horizon_v()
-        return at, (middle - at) / camera.principal_uv[0]
+        right, down, ahead = camera.camera_from_world[:, 2].tolist()
+        u, v = camera.principal_uv
+        return v + (u * right - camera.focal_px * ahead) / down, -right / down
 
     def _horizon_at(self, u: float) -> float:
         return self._horizon[0] + self._horizon[1] * u

@@ -34,7 +34,7 @@ from railinspect.labels import (
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
-_BINS = 12
+_BINS = 8
 _SHADE = 0.55
 """Brightness of shaded ground against the same ground in the sun."""
 

@@ -209,7 +209,7 @@ def solve(
     gram, solution = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty(_UNKNOWNS)
     right = np.empty(_UNKNOWNS)
     scale, correlated = 1.0, least
-    for _ in range(_TURNS):
+    for turn in range(_TURNS):
         for i in range(count):
             size[i] = robust[i] / ((scale * sigma[i]) ** 2 * correlated)
         for a in range(_UNKNOWNS):
@@ -236,9 +236,12 @@ def solve(
             normal[i] /= sigma[i]
             size[i] = abs(normal[i])
         scale = max(1.0, 1.4826 * np.median(size))
+        if turn == _TURNS - 1:
+            break
         for i in range(count):
             robust[i] = 1.0 / (1.0 + (normal[i] / (2.5 * scale)) ** 2)
-        correlated = max(least, _correlation(normal))
+        if turn > 0:  # outliers would pass for correlation before they are known
+            correlated = max(least, _correlation(normal))
     covariance = np.empty((_UNKNOWNS, _UNKNOWNS))
     unit = np.zeros(_UNKNOWNS)
     for a in range(_UNKNOWNS):

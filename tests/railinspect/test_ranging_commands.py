@@ -13,6 +13,7 @@ from railinspect.camera import Camera, CameraStd
 from railinspect.cli import main
 from railinspect.errors import BadInputError
 from railinspect.ranging.feasibility import Operation, motion_blur, report
+from railinspect.scenes import Ride, SceneSettings
 from railops.pilot.camera import Optics
 from tests.railinspect.ranging.test_calibration import OSDAR
 from tests.railinspect.ranging.test_stereo import MIDDLEBURY, pair
@@ -72,6 +73,28 @@ def test_a_stereo_pair_is_ranged(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "swapped" in capsys.readouterr().err
     assert main(["range", str(names[0]), "--box", "80,20,200,100"]) == 2
     assert "give --right and --calibration as well" in capsys.readouterr().err
+
+
+def test_a_wide_picture_is_looked_at_closely(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # A person 89 m ahead: six of the network's pixels wide at first, 22 in its closest look.
+    camera = Camera((1920, 1080), 3000.0, (959.5, 539.5), 2.5, pitch_rad=0.03)
+    settings = SceneSettings(
+        size_wh=camera.size_wh, camera=camera, kind="line", weather=False, min_radius_m=400.0
+    )
+    frame = Ride.plan(215, settings, duration_s=60, anomalies="demo").frame(83)
+    person = next(o for o in frame.objects if o.type == "trespasser" and o.range_m < 100.0)
+    picture, calibration = tmp_path / "far.png", tmp_path / "camera.yaml"
+    cv2.imwrite(str(picture), frame.rgb[..., ::-1])
+    camera.save(calibration)
+    assert main(["range", str(picture), "--camera", str(calibration), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["findings"]
+    nearest = min(found, key=lambda one: abs(one["range_m"] - person.range_m))
+    assert nearest["type"] == "trespasser"
+    assert nearest["range_m"] == pytest.approx(person.range_m, rel=0.05)
+    low, high = nearest["range_interval_m"]
+    assert low < person.range_m < high
 
 
 @pytest.mark.parametrize(
