@@ -27,6 +27,9 @@ from railinspect.track.level import Level
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.uint8]
 
+_EVEN95 = 0.95 * math.sqrt(3.0)
+"""97.5 % quantile of an even distribution of standard deviation 1."""
+
 COARSE_PX = 1000
 """From this width on the shipped network's masks are coarser than the picture, pixels."""
 
@@ -41,6 +44,7 @@ class RangingSettings:
 
     Attributes:
         foot_std_px: Standard deviation of a foot's row: the segmentation's edge.
+        foot_even: Whether that is rounding alone: any error within half a pixel is as likely.
         foot_mask_m: The same of a foot where the picture is finer than the masks and does not show
             it, metres of the thing's height: shadows and shins are taken for it.
         wheels_m: The same of a vehicle's wheels.
@@ -60,9 +64,10 @@ class RangingSettings:
     """
 
     foot_std_px: float = 0.8
+    foot_even: bool = False
     foot_mask_m: float = 0.20
     wheels_m: float = 0.10
-    foot_picture_m: float = 0.02
+    foot_picture_m: float = 0.01
     foot_along_m: float = 0.065
     stands_on_m: float | None = None
     bed_std_m: float = BED_STD_M
@@ -79,6 +84,7 @@ class RangingSettings:
         pixel = 640.0 / width_px
         return RangingSettings(
             foot_std_px=pixel / math.sqrt(12.0),
+            foot_even=True,
             foot_mask_m=0.0,
             wheels_m=0.0,
             foot_picture_m=0.0,
@@ -181,7 +187,7 @@ class FrameRanging:
                 f"the rails at the foot are {spacing_px:.1f} px apart, too close to measure"
             )
         foot_std_px = settings.foot_std_px * px
-        tails: dict[str, tuple[float, float]] = {}
+        tails = {"row": (_EVEN95, _EVEN95)} if settings.foot_even else {}
         left, top, right, bottom = finding.box_xyxy
         box = float(left), float(top), float(right), float(bottom)
         kind = -1 if self._labels is None else commonest_class(self._labels, box)

@@ -163,9 +163,24 @@ def test_the_budget_grows_with_range_and_ends() -> None:
 
 
 def test_the_budget_knows_the_feet_of_finer_pictures() -> None:
-    # Shadows and legs: 0.02 m and 0.085 m of height over a camera 2.68 m above the bed, 3.3 %.
+    # Shadows and legs: 0.01 m and 0.085 m of height over a camera 2.68 m above the bed, 3.2 %.
     cam = Camera((1920, 1080), 3000.0, (959.5, 539.5), 2.5)
-    assert budget(cam, 30.0).noise["row"] == pytest.approx(np.hypot(0.02, 0.085) / 2.68, rel=0.02)
+    assert budget(cam, 30.0).noise["row"] == pytest.approx(np.hypot(0.01, 0.085) / 2.68, rel=0.02)
     sharp = budget(cam, 30.0, RangingSettings.sharp(1920)).noise["row"]
     assert sharp == pytest.approx(30.0 / (3000 * 2.68) / np.sqrt(12), rel=0.01)
     assert budget(cam, 30.0, RangingSettings(bed_std_m=0.0)).bias["level"] == 0.0
+
+
+def test_rounding_has_no_tails() -> None:
+    cam = Camera((1280, 720), 2000.0, (639.5, 359.5), 2.5, pitch_rad=0.03)
+    masks = draw(cam, 0.0, things=[Thing(labels.CONSTRUCTION, 60.0, 0.0, 0.9, 1.0)])
+    track = TrackFollower(cam).update(masks)
+    (finding,) = find(masks, track)
+    even = dataclasses.replace(RangingSettings.sharp(1280), bed_std_m=0.0)
+    wide = []
+    for settings in (even, dataclasses.replace(even, foot_even=False)):
+        found = FrameRanging(track, segmentation=masks, settings=settings).measure(finding)
+        assert isinstance(found, Range)
+        wide.append(found.interval_m[1] - found.interval_m[0])
+    # The row is most of the error; 0.95·√3 of its standard deviation hold 95 %, not 1.96.
+    assert 0.95 * 3**0.5 / 1.96 <= wide[0] / wide[1] < 0.95
