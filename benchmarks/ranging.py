@@ -184,8 +184,8 @@ def _rides(pool: Executor, seeds: range, bundle: bool) -> list[Measure]:
             took = statistics.median(s.took_ms for s in some)
             alone = statistics.median(s.alone_ms for s in some)
             label = f"{name}, ranging per finding, median CPU"
-            measures.append(Measure(f"{label} with its share of the frame's", took, "ms", 0.3))
-            measures.append(Measure(f"{label} by itself", alone, "ms"))
+            measures.append(Measure(label, alone, "ms", 0.3))
+            measures.append(Measure(f"{label} with its share of the frame's scale", took, "ms"))
     return measures
 
 
