@@ -92,7 +92,7 @@ def measures(
 
 def main() -> None:
     arguments = parser("What each ingredient of the rendered world is worth.")
-    arguments.add_argument("--steps", type=int, default=400, help="per training (default 400)")
+    arguments.add_argument("--steps", type=int, default=300, help="per training (default 300)")
     arguments.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="default 0 1 2")
     arguments.add_argument("--scenes", type=int, default=600, help="trained on (default 600)")
     arguments.add_argument("--held-out", type=int, default=40, help="scored on (default 40)")

@@ -1,6 +1,6 @@
 """FSCNN against its rivals, same training code and same budget, in one run.
 
-    python -m benchmarks.segmenters [--json] [--steps 400] [--parts speed train …]
+    python -m benchmarks.segmenters [--json] [--steps 800] [--parts speed train …]
 
 Parts: ``speed`` exports the mobile networks with random weights and times them in ONNX Runtime;
 ``overfit`` trains on eight small rendered images; ``train`` trains the mobile FSCNN and the mobile
@@ -167,7 +167,7 @@ def gpu() -> list[Measure]:
 def main() -> None:
     arguments = parser("FSCNN against its rivals.")
     arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    arguments.add_argument("--steps", type=int, default=400, help="per training (default 400)")
+    arguments.add_argument("--steps", type=int, default=800, help="per training (default 800)")
     arguments.add_argument(
         "--overfit-steps", type=int, default=2400, help="of the overfit test (default 2400)"
     )
