@@ -199,16 +199,16 @@ def _refined(
 
 @numba.njit(cache=True)
 def _beyond(p: Array, best: int, step: int) -> float:
-    """Rows between the best and that with 2.5 % of all probability beyond it, half at least.
+    """Rows from the middle of the best to where 2.5 % of all probability lie beyond, 0 at least.
 
-    Counted from the first row on (step 1) or from the last (step −1).
+    Counted from the first row on (step 1) or from the last (step −1); within a row it is even.
     """
     left = 0.025 * p.sum()
     i = 0 if step > 0 else len(p) - 1
     while i != best and left >= p[i]:
         left -= p[i]
         i += step
-    return abs(best - i) + 0.5
+    return max(0.0, abs(best - i) + 0.5 - left / p[i])
 
 
 @numba.njit(cache=True)

@@ -13,7 +13,7 @@ from railinspect.camera import Camera
 from railinspect.evaluation.drawn_tracks import Thing, draw
 from railinspect.findings import Finding, find
 from railinspect.ranging import FrameRanging, Range, RangingSettings
-from railinspect.ranging.foot import refine_foot
+from railinspect.ranging.foot import _beyond, refine_foot
 from railinspect.track import TrackFollower
 
 LAST_ROW = 600
@@ -113,6 +113,16 @@ def test_people_whose_legs_the_masks_miss_stand_lower() -> None:
     assert blind is not None
     assert thing is not None
     assert thing[0] < LAST_ROW + 10 < LAST_ROW + 20 < blind[0]
+
+
+def test_the_reach_leaves_out_a_fortieth_to_each_side() -> None:
+    even = np.full(5, 0.2)
+    assert _beyond(even, 2, 1) + _beyond(even, 2, -1) == pytest.approx(0.95 * 5)
+    sharp = np.array([0.01, 0.98, 0.01])
+    assert _beyond(sharp, 1, 1) == pytest.approx(0.5 - 0.015 / 0.98)
+    skewed = np.array([0.01, 0.01, 0.01, 0.57, 0.4])
+    assert _beyond(skewed, 3, 1) == pytest.approx(1.5 - 0.005 / 0.01)
+    assert _beyond(skewed, 3, -1) == pytest.approx(1.5 - 0.025 / 0.4)
 
 
 def test_people_stand_lower_than_their_masks_end_and_things_where_they_do() -> None:
