@@ -208,7 +208,8 @@ def _beyond(p: Array, best: int, step: int) -> float:
     while i != best and left >= p[i]:
         left -= p[i]
         i += step
-    return max(0.0, abs(best - i) + 0.5 - left / p[i])
+    rows: float = abs(best - i) + 0.5 - left / p[i]
+    return max(0.0, rows)
 
 
 @numba.njit(cache=True)
