@@ -190,11 +190,9 @@ class Camera:
     def horizon_v(self, u_px: float | None = None) -> float:
         """Row of the ground plane's horizon at column ``u_px`` (default: the principal point's)."""
         u = self.principal_uv[0] if u_px is None else u_px
-        normal = self.camera_from_world @ np.array([0.0, 0.0, 1.0])
+        x, y, z = self.camera_from_world[:, 2].tolist()  # the ground's normal
         across = (u - self.principal_uv[0]) / self.focal_px
-        return float(
-            self.principal_uv[1] - self.focal_px * (normal[0] * across + normal[2]) / normal[1]
-        )
+        return float(self.principal_uv[1] - self.focal_px * (x * across + z) / y)
 
     def resized(self, size_wh: tuple[int, int]) -> Camera:
         """The same camera delivering images of another size (focal length follows the width)."""

@@ -210,7 +210,7 @@ class FrameRanging:
                 }
                 row = seen.row
         if row != foot_uv[1]:  # no second search of the track: the plane's rows are known
-            horizon = self._horizon_at(foot_uv[0])
+            horizon = self._track.camera.horizon_v(foot_uv[0])
             plane_m *= (foot_uv[1] - horizon) / max(1.0, row - horizon)
             foot_uv = foot_uv[0], row
         # On the rails a thing's foot is at their height; elsewhere on what surrounds it.
@@ -224,24 +224,13 @@ class FrameRanging:
         size = None if gauge is None else self._by_size(finding, kind, foot_uv[1], foot_std_px)
         return [e for e in (gauge, plane, size) if e is not None], tails
 
-    @cached_property
-    def _horizon(self) -> tuple[float, float]:
-        """The horizon's row at column 0 and how it changes by column."""
-        camera = self._track.camera
-        right, down, ahead = camera.camera_from_world[:, 2].tolist()
-        u, v = camera.principal_uv
-        return v + (u * right - camera.focal_px * ahead) / down, -right / down
-
-    def _horizon_at(self, u: float) -> float:
-        return self._horizon[0] + self._horizon[1] * u
-
     def _row_in_picture(self, finding: Finding, kind: int, metre_px: float) -> FootRow | None:
         """Row of the foot as the picture shows it; None where it does not."""
         if self._rgb is None or self._labels is None or finding.type == "distortion":
             return None
         if kind in WHEELED:
             return None  # between the wheels the body ends above the ground
-        horizon = self._horizon_at(float(finding.foot_uv[0]))
+        horizon = self._track.camera.horizon_v(float(finding.foot_uv[0]))
         return refine_foot(self._rgb, self._labels, finding, metre_px, horizon)
 
     def _by_stereo(self, finding: Finding) -> Estimate | None:
