@@ -14,7 +14,8 @@ and a filter of k taps is k / 3 of these, whose sum over triples the matrix prod
 Its transforms only add, so single precision loses next to nothing; wider tiles would.
 
 Shapes: padded slices (2, N, E + k − 1, C), first index the direction of travel; kernels
-(2, k, C, C), direction, tap, input channel, output channel; results (2, N, E, C).
+(2, k, C, C), direction, tap, input channel, output channel; results (2, s, N, E / s, C), where
+place p·s + j of a slice is at index p of share j, as :func:`in_shares` sees slices.
 """
 
 from __future__ import annotations
@@ -26,26 +27,51 @@ LEAST_CHANNELS = 128
 """Channels from which the products saved outweigh the additions, on a CPU."""
 
 
+def in_shares(slices: Tensor, shares: int) -> Tensor:
+    """View of slices (any, N, E, C) in the order of results, (any, s, N, E / s, C)."""
+    return slices.unflatten(2, (-1, shares)).movedim(3, 1)
+
+
 class Direct:
-    """All taps' neighbours side by side, one product per direction."""
+    """All taps' neighbours side by side, one product per direction.
+
+    Attributes:
+        shares: s of the results.
+    """
+
+    shares = 1
 
     def __init__(self, kernels: Tensor, batch: int, extent: int) -> None:
         """Args: ``kernels`` as in the module's text; ``batch`` N and ``extent`` E of a slice."""
         two, taps, inputs, outputs = kernels.shape
-        self._taps = taps
         self._weight = kernels.reshape(two, taps * inputs, outputs)
         self._window = kernels.new_empty(two, batch, extent, taps * inputs)
 
-    def __call__(self, padded: Tensor, out: Tensor) -> None:
-        """Write the filtered slices to ``out``, whose batch and extent must be one stretch."""
-        window = self._window
+    def reads(self, padded: Tensor) -> tuple[Tensor, ...]:
+        """The views of padded slices that a step reads; made once where slices are used again."""
         # Overlapping windows: a place's neighbours lie one behind the other in memory.
-        window.copy_(padded.as_strided(window.shape, padded.stride(), padded.storage_offset()))
-        torch.bmm(window.flatten(1, 2), self._weight, out=out.flatten(1, 2))
+        shape = self._window.shape
+        return (padded.as_strided(shape, padded.stride(), padded.storage_offset()),)
+
+    def __call__(self, reads: tuple[Tensor, ...], out: Tensor) -> None:
+        """Write the filtered slices to ``out``, contiguous results as in the module's text."""
+        self._window.copy_(*reads)
+        torch.bmm(self._window.flatten(1, 2), self._weight, out=out.flatten(1, 3))
 
 
 class Minimal:
-    """F(2, 3) on each triple of taps; k must be divisible by three and E by two."""
+    """F(2, 3) on each triple of taps; k must be divisible by three and E by two.
+
+    The four products are taken in pairs, (m_1, m_2) and (m_0, −m_3): one call then makes the sums
+    of a pair, in both directions at once, and the second pair's products add themselves to what
+    the first pair gives both results. What a step writes and reads again is small so, and each of
+    two cores keeps to one direction; on a slice this size, memory costs more than the additions.
+
+    Attributes:
+        shares: s of the results.
+    """
+
+    shares = 2
 
     def __init__(self, kernels: Tensor, batch: int, extent: int) -> None:
         """Args: as :class:`Direct`."""
@@ -53,35 +79,39 @@ class Minimal:
         triples, pairs = taps // 3, extent // 2
         first, middle, last = kernels.unflatten(1, (triples, 3)).unbind(2)
         ends = (first + last) / 2
-        weight = torch.stack([first, ends + middle / 2, ends - middle / 2, last])
-        self._weight = weight.reshape(4 * two, triples * inputs, outputs)
-        sums = kernels.new_empty(4, two, batch, pairs, triples, inputs)
-        products = kernels.new_empty(4, two, batch, pairs, outputs)
-        self._shape = sums.shape[1:]
-        # Views, made once: a step takes a few hundred microseconds, a view one or two.
-        self._sums, self._products = sums.unbind(), products.unbind()
-        self._rows = sums.view(4 * two, batch * pairs, triples * inputs)
-        self._results = products.view(4 * two, batch * pairs, outputs)
-        self._between = torch.empty_like(self._products[0])
-
-    def __call__(self, padded: Tensor, out: Tensor) -> None:
-        """Write the filtered slices to ``out``."""
-        direction, image, row, channel = padded.stride()
-        strides = (direction, image, 2 * row, 3 * row, channel)  # as (2, N, E / 2, k / 3, C)
-        start = padded.storage_offset()
-        x0, x1, x2, x3 = (
-            padded.as_strided(self._shape, strides, start + i * row) for i in range(4)
+        weights = torch.stack([ends + middle / 2, ends - middle / 2, first, -last], 1)
+        self._middle, self._outer = (
+            pair.reshape(two * 2, triples * inputs, outputs) for pair in weights.split(2, 1)
         )
-        s0, s1, s2, s3 = self._sums
-        torch.sub(x0, x2, out=s0)
-        torch.add(x1, x2, out=s1)
-        torch.sub(x2, x1, out=s2)
-        torch.sub(x1, x3, out=s3)
-        torch.bmm(self._rows, self._weight, out=self._results)
-        m0, m1, m2, m3 = self._products
-        y0, y1 = out.unflatten(2, (-1, 2)).unbind(3)
-        torch.add(m0, torch.add(m1, m2, out=self._between), out=y0)
-        torch.sub(torch.sub(m1, m2, out=self._between), m3, out=y1)
+        self._sums = kernels.new_empty(two, 2, batch, pairs, triples, inputs)
+        self._rows = self._sums.view(two * 2, batch * pairs, triples * inputs)
+        products = kernels.new_empty(two, 2, batch, pairs, outputs)
+        self._products = products.view(two * 2, batch * pairs, outputs)
+        self._m1, self._m2 = products.split(1, 1)
+        self._sign = kernels.new_tensor([1, -1]).view(1, 2, 1, 1, 1)
+        self._signs = self._sign.unsqueeze(5)
+
+    def reads(self, padded: Tensor) -> tuple[Tensor, ...]:
+        """As :meth:`Direct.reads`; each of shape (2, 2, N, E / 2, k / 3, C)."""
+        direction, image, row, channel = padded.stride()
+
+        def places(first: int, apart: int) -> Tensor:
+            """Of every four places, ``first`` and ``first + apart``."""
+            strides = (direction, apart * row, image, 2 * row, 3 * row, channel)
+            return padded.as_strided(
+                self._sums.shape, strides, padded.storage_offset() + first * row
+            )
+
+        return places(2, 0), places(1, 0), places(0, 1), places(2, 1)
+
+    def __call__(self, reads: tuple[Tensor, ...], out: Tensor) -> None:
+        """Write the filtered slices to ``out``, contiguous results as in the module's text."""
+        x2, x1, x01, x23 = reads
+        torch.addcmul(x2, x1, self._signs, out=self._sums)  # x_2 ± x_1
+        torch.bmm(self._rows, self._middle, out=self._products)
+        torch.addcmul(self._m1, self._m2, self._sign, out=out)  # m_1 ± m_2
+        torch.sub(x01, x23, out=self._sums)  # x_0 − x_2, x_1 − x_3
+        out.view(self._products.shape).baddbmm_(self._rows, self._outer)
 
 
 def steps_of(kernels: Tensor, batch: int, extent: int) -> Direct | Minimal:

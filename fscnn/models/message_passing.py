@@ -10,9 +10,9 @@ import math
 import torch
 from torch import Tensor, nn
 
-from fscnn.models.passing import Axis, pass_export, pass_fast, pass_reference
+from fscnn.models.passing import fold_fast, pass_export, pass_reference
 
-FORMS = {"reference": pass_reference, "fast": pass_fast, "export": pass_export}
+ONE_AXIS = {"reference": pass_reference, "export": pass_export}
 
 INITIAL_GAIN = 0.3
 """Root-mean-square size of a message against the slice that sends it, at initialisation."""
@@ -70,10 +70,6 @@ class FourDirections(nn.Module):
                 kernels.copy_(bounded(kernels))
         self.form, self._bounds = "export", False
 
-    def _pass(self, features: Tensor, axis: Axis) -> tuple[Tensor, Tensor]:
-        kernels = self.vertical if axis == "vertical" else self.horizontal
-        return FORMS[self.form](features, bounded(kernels) if self._bounds else kernels, axis)
-
 
 class FoldedMessagePassing(FourDirections):
     """FSCNN: four passes that read the same input, concatenated (Wang et al. 2023, IV-C).
@@ -83,13 +79,15 @@ class FoldedMessagePassing(FourDirections):
 
     def forward(self, features: Tensor) -> Tensor:
         """Map features (N, C, H, W) to (N, 4C, H, W), in the order up, down, right, left."""
-        if self.form == "fast":  # both axes then read whole channel vectors
-            features = features.contiguous(memory_format=torch.channels_last)
-        down, up = self._pass(features, "vertical")
-        right, left = self._pass(features, "horizontal")
-        if self.form == "fast":  # whole channel vectors again, in one copy
-            rows = [part.permute(0, 2, 3, 1) for part in (up, down, right, left)]
-            return torch.cat(rows, 3).permute(0, 3, 1, 2)
+        vertical, horizontal = (
+            bounded(kernels) if self._bounds else kernels
+            for kernels in (self.vertical, self.horizontal)
+        )
+        if self.form == "fast":
+            return fold_fast(features, vertical, horizontal)
+        one_axis = ONE_AXIS[self.form]
+        down, up = one_axis(features, vertical, "vertical")
+        right, left = one_axis(features, horizontal, "horizontal")
         return torch.cat([up, down, right, left], 1)
 
 
