@@ -79,7 +79,7 @@ def inspect_still(segmentation: SegmentationLike, camera: Camera | None = None) 
         reason = track.reason or "the rails cannot be followed"
         return Answer("unknown", (), reason, time_ms, rails)
     if found:
-        reason = f"{found[0].evidence}, but {found[0].doubt}"
+        reason = f"{found[0].evidence}, {found[0].doubt}"
         return Answer("unknown", (), reason, time_ms, rails)
     return Answer("clear", (), "", time_ms, rails)
 

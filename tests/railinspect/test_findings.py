@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from railinspect import labels
+from railinspect.evaluation.answers import inspect_still
 from railinspect.evaluation.drawn_tracks import (
     Masks,
     Thing,
@@ -246,10 +247,14 @@ def test_a_wall_behind_a_far_crest_is_doubtful(
     marks[foot - ground_px : foot] = labels.TERRAIN
     masks = Masks(marks, masks.confidence, score)
     block = (int(left[0]), foot - 30, int(right[0]), foot + 3)
-    _, found = judge(beside(masks, label, block), camera())
+    masks = beside(masks, label, block)
+    _, found = judge(masks, camera())
     (wall,) = found
     assert wall.type == "obstruction"
     assert (wall.doubt is None) is seen
+    answer = inspect_still(masks, camera())
+    assert answer.said == ("obstruction" if seen else "unknown")
+    assert seen or answer.reason.endswith(f"{wall.evidence}, {wall.doubt}")
 
 
 # Interruptions
