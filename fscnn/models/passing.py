@@ -108,6 +108,10 @@ def fold_fast(features: Tensor, vertical: Tensor | None, horizontal: Tensor | No
     return _Fold.apply(rows, *kernels).permute(0, 3, 1, 2)
 
 
+_TO_SLICES = ((1, 0, 2, 3), (2, 0, 1, 3))
+"""What makes slices (L, N, E, C) of rows (N, H, W, C), along the vertical and horizontal axis."""
+
+
 def _ways(rows: Tensor, kernels: Sequence[Tensor | None]) -> Iterator[tuple[Tensor, Tensor]]:
     """Each given axis' slices of a map of all its passes: travel forwards, travel backwards.
 
@@ -121,10 +125,10 @@ def _ways(rows: Tensor, kernels: Sequence[Tensor | None]) -> Iterator[tuple[Tens
     channels = next(k.shape[1] for k in kernels if k is not None)
     parts = iter(rows.split(channels, 3))
     if kernels[0] is not None:
-        up, down = (part.permute(1, 0, 2, 3) for part in (next(parts), next(parts)))
+        up, down = (next(parts).permute(_TO_SLICES[0]) for _ in range(2))
         yield down, up
     if kernels[1] is not None:
-        right, left = (part.permute(2, 0, 1, 3) for part in parts)
+        right, left = (next(parts).permute(_TO_SLICES[1]) for _ in range(2))
         yield right, left
 
 
@@ -159,10 +163,6 @@ class _Fold(torch.autograd.Function):
                 slices, of_kernels[axis] = _travel_back(next(ways), kernel, next(kept), next(kept))
                 of_rows.append(slices.permute([order.index(dim) for dim in range(4)]))
         return sum(of_rows[1:], of_rows[0]), *of_kernels
-
-
-_TO_SLICES = ((1, 0, 2, 3), (2, 0, 1, 3))
-"""What makes slices (L, N, E, C) of rows (N, H, W, C), along the vertical and horizontal axis."""
 
 
 def _padded(slices: int, batch: int, extent: int, pad: int, like: Tensor) -> tuple[Tensor, Tensor]:
