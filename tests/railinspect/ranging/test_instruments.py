@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
+from scipy.stats import norm
 
 from railinspect.errors import BadInputError
 from railinspect.ranging import Estimate, combine, range_from_row, range_from_size
@@ -153,17 +156,27 @@ def test_a_usual_size_that_does_not_fit_is_left_out() -> None:
 
 
 def test_an_error_that_is_not_normal_reaches_as_far_as_it_says() -> None:
+    alone = combine([Estimate("a", 100.0, {"row": 0.03})], {"row": (1.0, 5.0)})
+    low, high = (math.log(bound / 100.0) for bound in alone.interval_m)
+    assert (low, high) == pytest.approx((-0.03, 0.15), rel=1e-6)
     one = Estimate("a", 100.0, {"row": 0.03, "own a": 0.01}, {"shared": 0.02})
     two = Estimate("b", 100.0, {"row": 0.03, "own b": 0.01}, {"shared": 0.02})
     plain = combine([one, two])
     both = combine([one, two], {"row": (1.0, 5.0)})
     assert both.std_m == plain.std_m
-    rest = (1.959964 * math.hypot(0.01 / math.sqrt(2.0), 0.02)) ** 2
-    low, high = (math.log(bound / 100.0) for bound in both.interval_m)
-    assert low == pytest.approx(-math.sqrt(rest + 0.03**2), rel=1e-6)
-    assert high == pytest.approx(math.sqrt(rest + 0.15**2), rel=1e-6)
+    assert both.interval_m[0] > plain.interval_m[0]
+    assert both.interval_m[1] > plain.interval_m[1]
     normal = combine([one, two], {"row": (1.959964, 1.959964)})
     assert normal.interval_m == pytest.approx(plain.interval_m, rel=1e-6)
+
+
+@pytest.mark.parametrize("rest", [0.25, 0.5, 1.0, 2.0, 4.0])
+def test_rounding_and_a_normal_error_reach_as_far_as_their_sum(rest: float) -> None:
+    even = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2001)  # of standard deviation 1
+    exact = brentq(lambda q: float(norm.cdf((q - even) / rest).mean()) - 0.975, 0.0, 20.0)
+    one = Estimate("a", 100.0, {"row": 0.01, "own": 0.01 * rest})
+    found = combine([one], {"row": (0.95 * math.sqrt(3.0), 0.95 * math.sqrt(3.0))})
+    assert 100 * math.log(found.interval_m[1] / 100.0) == pytest.approx(exact, rel=0.03)
 
 
 def test_disagreement_widens() -> None:
