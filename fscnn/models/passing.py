@@ -1,4 +1,4 @@
-"""One axis of message passing, both directions of travel at once, in three equal forms.
+"""Message passing along an axis, both directions of travel at once, in three equal forms.
 
 Wang et al. 2023, section IV-C. A feature map F is cut into slices along an axis. A pass visits the
 slices in its direction of travel and adds to each slice the rectified convolution of the slice

@@ -159,6 +159,8 @@ def _reach(
     1938): z_sum = z + (q − z)·(σ_cause / σ)⁴. Quantiles squared and added keep too much of it.
     """
     sigma = math.sqrt(variance)
+    if sigma == 0.0:
+        return 0.0, 0.0  # exact estimates: no cause has a share
     low = high = Z95
     for cause, (longer, shorter) in tails.items():
         own = sum(w * e.errors.get(cause, 0.0) for e, w in zip(estimates, weight, strict=True))

@@ -91,6 +91,11 @@ def test_independent_equals_average() -> None:
     assert found.method == "a+b"
 
 
+def test_an_exact_estimate_stays_exact_whatever_the_tails() -> None:
+    found = combine([Estimate("a", 40.0, {"a": 0.0})], tails={"a": (3.0, 2.0)})
+    assert found.interval_m == pytest.approx((40.0, 40.0)) and found.std_m == 0.0
+
+
 def test_inverse_variance_by_hand() -> None:
     # Variances 0.01 and 0.04: weights 0.8 and 0.2; log-mean of 100 and 110.
     found = combine([Estimate("a", 100.0, {"a": 0.1}), Estimate("b", 110.0, {"b": 0.2})])
