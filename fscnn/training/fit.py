@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import itertools
-import logging
 import math
 import shutil
-import warnings
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +26,7 @@ from fscnn.training.from_bundle import load_bundle
 from fscnn.training.module import SegmentationModule
 from fscnn.training.norms import recalibrated
 from fscnn.training.pictures import Examples
+from fscnn.training.quiet import only_what_matters
 from railinspect.errors import BadInputError
 
 
@@ -42,29 +39,7 @@ def data_fingerprint(data: RailData) -> str:
     return digest.hexdigest()
 
 
-_NOISE = (
-    r"Checkpoint directory .* exists and is not empty",  # it holds the resolved configuration
-    r".*does not have many workers",  # data.workers says how many
-    r"The number of training batches .* is smaller than the logging interval",
-    r"It is recommended to use `self\.log\(.*sync_dist",  # the totals are summed before
-    r".*LeafSpec.* is deprecated",  # Lightning's own call of torch
-)
-
-
-@contextlib.contextmanager
-def _only_what_matters() -> Iterator[None]:
-    """Keep from the user what Lightning says about choices made here on purpose."""
-    log = logging.getLogger("lightning.pytorch")
-    level = log.level
-    log.setLevel(logging.WARNING)
-    with warnings.catch_warnings():
-        for message in _NOISE:
-            warnings.filterwarnings("ignore", message)
-        yield
-    log.setLevel(level)
-
-
-@_only_what_matters()
+@only_what_matters()
 def fit(config: TrainConfig, resume: Path | None = None) -> dict[str, float]:
     """Train, and leave ``best.ckpt``, ``last.ckpt`` and ``config.yaml`` in the run's folder.
 
