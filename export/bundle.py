@@ -104,7 +104,8 @@ def export(
             "and at least 64"
         )
     deployed = Deployed(trained.network, torch.float16 if precision == "fp16" else torch.float32)
-    model = _to_onnx(deployed, size_wh)
+    example = torch.zeros(2, height, width, 3, dtype=torch.uint8)
+    model = to_onnx(deployed, example, "image", layout.OUTPUTS)
     float_model = model
     if precision == "int8":
         model = quantise(model, [image for image, _ in labelled[: (len(labelled) + 1) // 2]])
@@ -120,7 +121,7 @@ def export(
         palette=tuple(tuple(int(c) for c in rgb) for rgb in PALETTE),
         input_size_wh=(width, height),
         colour_order="RGB",
-        package_version=_package_version(),
+        package_version=package_version(),
         training_fingerprint=trained.fingerprint,
         training={
             "recipe": _public(trained.recipe),
@@ -183,19 +184,26 @@ def count_nodes(model: onnx.ModelProto) -> dict[str, int]:
     return dict(collections.Counter(node.op_type for node in model.graph.node).most_common())
 
 
-def _to_onnx(deployed: Deployed, size_wh: tuple[int, int]) -> onnx.ModelProto:
-    width, height = size_wh
-    # Two images: a batch of one would be taken for a constant.
-    example = torch.zeros(2, height, width, 3, dtype=torch.uint8)
+def to_onnx(
+    module: torch.nn.Module, example: torch.Tensor, input_name: str, outputs: Sequence[str]
+) -> onnx.ModelProto:
+    """A network with one input as an ONNX graph for batches of any size, nothing but the graph.
+
+    Args:
+        module: The network as it is to run.
+        example: An input of two: a batch of one would be taken for a constant.
+        input_name: Name of the graph's input.
+        outputs: Names of its outputs.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore"
         )  # the exporter's own deprecations; nothing a user can act on
         program = torch.onnx.export(
-            deployed,
+            module,
             (example,),
-            input_names=["image"],
-            output_names=list(layout.OUTPUTS),
+            input_names=[input_name],
+            output_names=list(outputs),
             dynamic_shapes=({0: torch.export.Dim("batch", min=1, max=64)},),
             dynamo=True,
             verbose=False,
@@ -236,7 +244,8 @@ def _public(recipe: dict[str, object]) -> dict[str, object]:
     return dict(text)
 
 
-def _package_version() -> str:
+def package_version() -> str:
+    """The version of this package, for a file's metadata."""
     try:
         return version("railinspect")
     except PackageNotFoundError:  # run from a checkout that is not installed

@@ -191,7 +191,7 @@ def test_disagreeing_bundle_is_not_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exported: tuple[Path, dict[str, object]]
 ) -> None:
     graph = onnx.load(exported[0])
-    monkeypatch.setattr("export.bundle._to_onnx", lambda deployed, size_wh: graph)
+    monkeypatch.setattr("export.bundle.to_onnx", lambda *_: graph)
     other = Trained(lively_network(5), "fscnn_s", {}, False, {}, "", 0)
     with pytest.raises(ParityError, match=r"of the bundle's labels equal the checkpoint's"):
         export(other, tmp_path / "b.onnx", SIZE_WH)
@@ -244,7 +244,7 @@ def int8_export(
     out: Path,
     measured: Comparison | None,
 ) -> Exported:
-    monkeypatch.setattr("export.bundle._to_onnx", lambda *_: onnx.load(exported[0]))
+    monkeypatch.setattr("export.bundle.to_onnx", lambda *_: onnx.load(exported[0]))
     if measured is not None:
         monkeypatch.setattr("export.bundle.compare_speed_and_rails", lambda *_: measured)
     labelled = [draw(seed) for seed in range(6)]

@@ -93,7 +93,8 @@ def test_independent_equals_average() -> None:
 
 def test_an_exact_estimate_stays_exact_whatever_the_tails() -> None:
     found = combine([Estimate("a", 40.0, {"a": 0.0})], tails={"a": (3.0, 2.0)})
-    assert found.interval_m == pytest.approx((40.0, 40.0)) and found.std_m == 0.0
+    assert found.interval_m == pytest.approx((40.0, 40.0))
+    assert found.std_m == 0.0
 
 
 def test_inverse_variance_by_hand() -> None:
