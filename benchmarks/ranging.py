@@ -79,7 +79,7 @@ class _Masks:
 
 @functools.cache
 def _network() -> Fovea:
-    return Fovea(Segmenter.default(1), CAMERA)
+    return Fovea(Segmenter.default(1, close_ups=False), CAMERA)
 
 
 def _ride(seed: int) -> Ride:

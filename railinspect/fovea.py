@@ -142,7 +142,7 @@ def looked_closer(
     kept = cv2.convertScaleAbs(rail_score[part], alpha=KEPT_RAIL)
     rail_score[part] = np.maximum(close.rail_score, kept)
     box = (left, top, left + wide, top + tall)
-    return Segmentation(labels, confidence, rail_score, box, seen)
+    return Segmentation(labels, confidence, rail_score, box, seen, seen.close_ups)
 
 
 def _corner(

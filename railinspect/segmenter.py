@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.resources
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -24,6 +25,7 @@ from railinspect.bundle import (
     read_bytes,
     unpack_labels,
 )
+from railinspect.close_ups import CloseUpNetwork, LookAtTrack
 from railinspect.errors import BadInputError, BundleError
 
 MIN_SIDE_PX = 16
@@ -44,6 +46,8 @@ class Segmentation:
         closest_xyxy: Where a closer look at a part of the image (:mod:`railinspect.fovea`) took the
             place of what was seen before, pixels; None for a single look.
         before: What was seen before that closer look; None for a single look.
+        close_ups: Looks at the track in the picture itself once it is followed, all along or from
+            … to, metres (:mod:`railinspect.close_ups`); None where nobody does.
     """
 
     labels: Image
@@ -51,6 +55,7 @@ class Segmentation:
     rail_score: Image
     closest_xyxy: tuple[int, int, int, int] | None = None
     before: Segmentation | None = None
+    close_ups: LookAtTrack | None = None
 
 
 class Segmenter:
@@ -64,13 +69,21 @@ class Segmenter:
         threads: Processor threads of one image.
     """
 
-    def __init__(self, data: bytes, name: str = "bundle", threads: int | None = None) -> None:
+    def __init__(
+        self,
+        data: bytes,
+        name: str = "bundle",
+        threads: int | None = None,
+        close_ups: CloseUpNetwork | None = None,
+    ) -> None:
         """Load a bundle from its bytes; :meth:`load` and :meth:`default` read them from a file.
 
         Args:
             data: The ONNX file.
             name: How error messages call it.
             threads: Processor threads; None uses every core this process may run on.
+            close_ups: Looks at the track in each picture besides, once it is followed; None for
+                masks alone.
 
         Raises:
             BundleError: if the bytes are not a bundle this package can run.
@@ -81,7 +94,7 @@ class Segmenter:
         if threads < 1:
             raise BadInputError(f"threads must be at least 1, got {threads}")
         self.threads = threads
-        self._source = (data, name)
+        self._source, self._close_ups = (data, name), close_ups
         self._single: Segmenter | None = self if threads == 1 else None
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
@@ -109,25 +122,27 @@ class Segmenter:
         self._session = session
 
     @staticmethod
-    def load(path: Path | str, threads: int | None = None) -> Segmenter:
+    def load(path: Path | str, threads: int | None = None, close_ups: bool = True) -> Segmenter:
         """Load a bundle file.
 
         Args:
             path: The ``.onnx`` file.
             threads: Processor threads; None uses every core this process may run on.
+            close_ups: Whether the network of the close-ups that ships looks at the track besides.
 
         Raises:
             BundleError: if the file is missing, damaged, too large, not a bundle, or disagrees
                 with its own metadata.
         """
-        return Segmenter(read_bytes(Path(path)), f"bundle {path}", threads)
+        looker = CloseUpNetwork.default() if close_ups else None
+        return Segmenter(read_bytes(Path(path)), f"bundle {path}", threads, looker)
 
     @staticmethod
-    def default(threads: int | None = None) -> Segmenter:
-        """Load the bundle that ships with the package."""
+    def default(threads: int | None = None, close_ups: bool = True) -> Segmenter:
+        """Load the bundle that ships with the package; arguments as those of :meth:`load`."""
         shipped = importlib.resources.files("railinspect") / "bundles" / "fscnn_s.onnx"
         with importlib.resources.as_file(shipped) as path:
-            return Segmenter.load(path, threads)
+            return Segmenter.load(path, threads, close_ups)
 
     def on_one_thread(self) -> Segmenter:
         """The same network for several images at once, each on a thread of its own.
@@ -135,7 +150,7 @@ class Segmenter:
         Two images side by side take less time than one after the other on two threads.
         """
         if self._single is None:  # loaded once, however many recordings follow
-            self._single = Segmenter(*self._source, threads=1)
+            self._single = Segmenter(*self._source, threads=1, close_ups=self._close_ups)
         return self._single
 
     def __call__(self, rgb: Image) -> Segmentation:
@@ -147,7 +162,10 @@ class Segmenter:
         Raises:
             BadInputError: if the array is of another kind.
         """
-        return segment_at(rgb, self.metadata.input_size_wh, self._run)
+        seen = segment_at(rgb, self.metadata.input_size_wh, self._run)
+        if self._close_ups is None:
+            return seen
+        return replace(seen, close_ups=functools.partial(self._close_ups, rgb))
 
     def _run(self, rgb: Image) -> tuple[Image, Image, Image]:
         labels, confidence, rail_score = self._session.run(

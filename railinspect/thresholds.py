@@ -93,6 +93,13 @@ class Thresholds:
         gap_spacing_px: Rails must be this far apart at the hole, pixels: far away holes are the
             segmentation's own.
         gap_contrast: Least rail probability just before and just after the hole.
+        seen_again: Least probability of anything at a finding's place, by close-ups of it;
+        seen_perhaps: a finding below that is doubtful from this on, and nothing below this.
+        searches: Whether close-ups are taken all along the track, which a recording has no time
+            for, and not only of findings. Then they also find
+        seen_both: what the masks show by :meth:`weaker` thresholds, from this probability on,
+        seen_alone: and what they do not show at all, at two places side by side;
+        seen_bent: the same of distortions, which the masks may hide by following them.
     """
 
     clearance_m: float = 1.5
@@ -154,16 +161,35 @@ class Thresholds:
     gap_px: float = 8.0
     gap_spacing_px: float = 16.0
     gap_contrast: float = 0.6
+    seen_again: float = 0.4
+    seen_perhaps: float = 0.2
+    searches: bool = False
+    seen_both: float = 0.8
+    seen_alone: float = 0.9
+    seen_bent: float = 0.4
+
+    def weaker(self) -> Thresholds:
+        """What is worth a second look: too unsure or too small to be a finding by itself."""
+        return replace(
+            self,
+            least_confidence=0.5 * self.least_confidence,
+            person_confidence=0.5 * self.person_confidence,
+            least_doubt=0.4 * self.least_doubt,
+            bend_px=0.7 * self.bend_px,
+            bend_noise=0.7 * self.bend_noise,
+            bend_one_rail=0.7 * self.bend_one_rail,
+        )
 
     def still(self) -> Thresholds:
         """For a single picture: no second one can make sure, so what is doubtful is a finding.
 
         People are taken for such at less: the network sees few where there are none. A rail that
         bends alone has to bend more: a drop of water on the lens does that to one, and no frame
-        after it shows that it stays on the lens.
+        after it shows that it stays on the lens. And close-ups are taken all along the track.
         """
         return replace(
             self,
+            searches=True,
             least_confidence=min(self.least_confidence, self.least_doubt),
             person_confidence=min(self.person_confidence, 0.43),
             bend_one_rail=max(self.bend_one_rail, 3.0),

@@ -26,6 +26,8 @@ class Finding:
         evidence: What was measured, in words with units.
         doubt: Why there may be nothing; None for what is sure. What is doubtful is no event, and
             the track it seems to stand on is not clear.
+        place_rel: Standard deviation of its place along the track as a share of the range, where
+            close-ups alone show it and no foot is seen; 0 where one is.
     """
 
     type: FindingType
@@ -35,3 +37,4 @@ class Finding:
     foot_uv: Array
     evidence: str
     doubt: str | None = None
+    place_rel: float = 0.0

@@ -192,9 +192,10 @@ class FrameRanging:
         box = float(left), float(top), float(right), float(bottom)
         kind = -1 if self._labels is None else commonest_class(self._labels, box)
         row = foot_uv[1]
-        if self._labels is not None and kind in WHEELED:
+        no_foot = finding.place_rel > 0.0  # whatever the masks show at its place
+        if self._labels is not None and kind in WHEELED and not no_foot:
             row = wheels_row(self._labels, kind, foot_uv, metre)
-        if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX:
+        if self._rgb is not None and self._rgb.shape[1] >= COARSE_PX and not no_foot:
             seen = self._row_in_picture(finding, kind, metre)
             if seen is None:
                 mask_m = settings.wheels_m if kind in WHEELED else settings.foot_mask_m
@@ -221,8 +222,14 @@ class FrameRanging:
         gauge = self._by_gauge(foot_uv, level, level_std, foot_std_px)
         # A size is an opinion beside the rails', never in place of it: what is half hidden looks
         # smaller and so farther than it is.
-        size = None if gauge is None else self._by_size(finding, kind, foot_uv[1], foot_std_px)
-        return [e for e in (gauge, plane, size) if e is not None], tails
+        size = None
+        if gauge is not None and not no_foot:
+            size = self._by_size(finding, kind, foot_uv[1], foot_std_px)
+        estimates = [e for e in (gauge, plane, size) if e is not None]
+        if no_foot:
+            place = {"place": finding.place_rel}
+            estimates = [replace(e, errors={**e.errors, **place}) for e in estimates]
+        return estimates, tails
 
     def _row_in_picture(self, finding: Finding, kind: int, metre_px: float) -> FootRow | None:
         """Row of the foot as the picture shows it; None where it does not."""

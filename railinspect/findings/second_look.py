@@ -1,0 +1,167 @@
+"""A second look at what the masks say, in the picture itself: close-ups of the track.
+
+The segmentation and the close-ups' network err in different pictures. What the masks show and the
+close-ups clearly do not is a drop on the lens, the edge of a shadow or a turnout. What the masks
+show weakly and the close-ups too is there, and so is what the close-ups alone show clearly, at two
+places side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, cast
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, logit
+
+from railinspect.boxes import boxes_touch
+from railinspect.close_ups import ANSWERS, CloseUps, LookAtTrack
+from railinspect.findings.finding import Finding, FindingType
+from railinspect.findings.place import place_on_track
+from railinspect.thresholds import Thresholds
+from railinspect.track.geometry import TrackGeometry
+
+Array = npt.NDArray[np.float64]
+
+BESIDE: Final = 1.2
+"""A close-up speaks of what is up to this ratio of its range nearer or farther."""
+
+LEAVING: Final = 1.15
+"""Ratio to the range of the picture's lower border below which a window shows too little ground."""
+
+PLACE_REL: Final = 0.06
+"""Standard deviation of the range of what close-ups alone show, as a share of it."""
+
+_BOX_M: Final = {"distortion": (1.5, 0.3), "obstruction": (1.5, 1.0), "trespasser": (1.5, 1.8)}
+"""Width and height of the box drawn where only close-ups say that something is, metres."""
+
+_NEVER: Final = 1e-6
+_DISTORTION: Final = ANSWERS.index("distortion")
+
+_DOUBT: Final = "but close-ups of the track there hardly show it"
+
+
+def reviewed(
+    found: Sequence[Finding], look: LookAtTrack, track: TrackGeometry, limits: Thresholds
+) -> list[Finding]:
+    """Findings of the masks, held against close-ups of their places alone.
+
+    Args:
+        found: What the masks show, at least one.
+        look: Takes the close-ups.
+        track: The track, with a path.
+        limits: Thresholds.
+    """
+    stretches = [stretch(finding, track) for finding in found]
+    from_m, to_m = min(s[0] for s in stretches), max(s[1] for s in stretches)
+    return _held(found, look(track, from_m / BESIDE, to_m * BESIDE), track, limits)
+
+
+def searched(
+    found: Sequence[Finding],
+    weak: Sequence[Finding],
+    close_ups: CloseUps,
+    track: TrackGeometry,
+    limits: Thresholds,
+) -> list[Finding]:
+    """Findings of the masks, reviewed, and what close-ups all along the track show besides.
+
+    Args:
+        found: What the masks show.
+        weak: What they show by weaker thresholds (:meth:`.Thresholds.weaker`).
+        close_ups: What the close-ups say.
+        track: The track, with a path.
+        limits: Thresholds.
+    """
+    held = _held(found, close_ups, track, limits)
+    for finding in weak:
+        support = _support(finding, close_ups, track)
+        if finding.doubt is not None or support is None or support < limits.seen_both:
+            continue
+        if not any(boxes_touch(finding.box_xyxy, f.box_xyxy) for f in held if f.doubt is None):
+            held.append(replace(finding, confidence=support))
+    alone = _alone(close_ups, track, limits)
+    if alone is not None and all(finding.doubt for finding in held):
+        held.append(alone)
+    return held
+
+
+def _held(
+    found: Sequence[Finding], close_ups: CloseUps, track: TrackGeometry, limits: Thresholds
+) -> list[Finding]:
+    held = []
+    for finding in found:
+        support = _support(finding, close_ups, track)
+        if support is None or support >= limits.seen_again:
+            held.append(finding)
+        elif support >= limits.seen_perhaps:
+            held.append(replace(finding, doubt=finding.doubt or _DOUBT))
+    return held
+
+
+def stretch(finding: Finding, track: TrackGeometry) -> tuple[float, float]:
+    """From where to where along the track a finding lies, metres; a thing lies at its foot."""
+    uv = finding.polygon_uv if finding.type == "distortion" else finding.foot_uv[None]
+    chainage, _, _ = place_on_track(track, np.asarray(uv, float))
+    chainage = chainage[np.isfinite(chainage)]
+    if not len(chainage):
+        return np.inf, np.inf
+    return float(chainage.min()), float(chainage.max())
+
+
+def _support(finding: Finding, close_ups: CloseUps, track: TrackGeometry) -> float | None:
+    """The largest probability of anything at all where a finding lies; None if nobody looked.
+
+    Nor did anybody look at what is about to leave the picture at its lower border.
+    """
+    from_m, to_m = stretch(finding, track)
+    path = track.path
+    assert path is not None
+    if to_m < LEAVING * float(path.chainage_m[0]):
+        return None
+    there = (close_ups.chainage_m >= from_m / BESIDE) & (close_ups.chainage_m <= to_m * BESIDE)
+    return 1.0 - float(close_ups.chances[there, 0].min()) if there.any() else None
+
+
+def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Finding | None:
+    """What two neighbouring close-ups show most surely; None where that is not sure."""
+    something = 1.0 - close_ups.chances[:, 0]
+    if len(something) < 2:
+        return None
+    odds = logit(np.clip(something, _NEVER, 1.0 - _NEVER))
+    both = expit(0.5 * (odds[:-1] + odds[1:]))
+    kinds = 1 + (close_ups.chances[:-1, 1:] + close_ups.chances[1:, 1:]).argmax(axis=1)
+    least = np.where(kinds == _DISTORTION, limits.seen_bent, limits.seen_alone)
+    best = int((logit(both) - logit(least)).argmax())
+    if both[best] < least[best]:
+        return None
+    pair = slice(best, best + 2)
+    kind = cast(FindingType, ANSWERS[kinds[best]])
+    at = close_ups.chainage_m[pair]
+    range_m = float(np.exp(np.average(np.log(at), weights=something[pair])))
+    path = track.path
+    assert path is not None
+    u, v, metre = (
+        float(np.interp(range_m, path.chainage_m, values))
+        for values in (path.uv[:, 0], path.uv[:, 1], path.metre_px)
+    )
+    wide, tall = (metre * side for side in _BOX_M[kind])
+    width, height = track.camera.size_wh
+    box = (
+        max(0.0, u - wide / 2),
+        max(0.0, v - tall),
+        min(width - 1.0, u + wide / 2),
+        min(height - 1.0, v + 0.1 * metre),
+    )
+    left, top, right, bottom = box
+    return Finding(
+        type=kind,
+        polygon_uv=np.array([[left, top], [right, top], [right, bottom], [left, bottom]]),
+        box_xyxy=box,
+        confidence=float(both[best]),
+        foot_uv=np.array([u, v]),
+        evidence=f"close-ups show a {kind} at about {range_m:.0f} m, the masks do not",
+        place_rel=PLACE_REL,
+    )

@@ -1,0 +1,191 @@
+"""Close-ups hold what the masks show, drop it, or show what the masks do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from railinspect.close_ups import ANSWERS, FARTHEST_M, CloseUps, places
+from railinspect.evaluation.answers import inspect_still
+from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
+from railinspect.findings import Finding, find
+from railinspect.labels import HUMAN
+from railinspect.ranging import FrameRanging, Range
+from railinspect.segmenter import Segmentation
+from railinspect.thresholds import Thresholds
+from railinspect.track import TrackFollower
+from railinspect.track.geometry import TrackGeometry
+
+CAMERA = camera()
+STILL = Thresholds().still()
+PERSON = Thing(HUMAN, 25.0, 0.0, 0.6, 1.75)
+CLEAR_TRACK = draw(CAMERA)
+WITH_PERSON = draw(CAMERA, things=[PERSON])
+
+
+def saying(answer: str, chance: float, from_m: float, to_m: float) -> Sayer:
+    return Sayer(ANSWERS.index(answer), chance, from_m, to_m)
+
+
+class Sayer:
+    """Close-ups that are so sure of an answer from … to, and of a clear track elsewhere."""
+
+    def __init__(self, answer: int, chance: float, from_m: float, to_m: float) -> None:
+        self.answer, self.chance, self.from_m, self.to_m = answer, chance, from_m, to_m
+
+    def __call__(
+        self, track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M
+    ) -> CloseUps:
+        at = places(track, from_m, to_m)
+        chances = np.zeros((len(at), len(ANSWERS)))
+        there = (at >= self.from_m) & (at <= self.to_m)
+        chances[:, self.answer] = np.where(there, self.chance, 0.0)
+        chances[:, 0] += 1.0 - chances.sum(axis=1)
+        return CloseUps(at, chances)
+
+
+def seen(
+    masks: Masks, sayer: Sayer | None, confidence: int = 230, limits: Thresholds = STILL
+) -> tuple[Finding, ...]:
+    sure = np.full_like(masks.labels, confidence)
+    segmentation = Segmentation(masks.labels, sure, masks.rail_score, close_ups=sayer)
+    track = TrackFollower(CAMERA).update(segmentation)
+    return find(segmentation, track, limits)
+
+
+def test_what_both_see_stays_as_the_masks_show_it() -> None:
+    (alone,) = seen(WITH_PERSON, None)
+    (both,) = seen(WITH_PERSON, saying("trespasser", 0.9, 22.0, 28.0))
+    assert both.type == "trespasser"
+    assert both.doubt is None
+    assert both.evidence == alone.evidence
+    assert both.box_xyxy == alone.box_xyxy
+
+
+def test_another_type_is_support_too() -> None:
+    (both,) = seen(WITH_PERSON, saying("obstruction", 0.9, 22.0, 28.0))
+    assert both.type == "trespasser"
+    assert both.doubt is None
+
+
+def test_what_close_ups_clearly_do_not_show_is_dropped() -> None:
+    assert seen(WITH_PERSON, saying("trespasser", 0.5 * STILL.seen_perhaps, 22.0, 28.0)) == ()
+    # nor does what they show somewhere else hold it
+    found = seen(WITH_PERSON, saying("distortion", 0.9 * STILL.seen_bent, 40.0, 60.0))
+    assert found == ()
+
+
+def test_what_they_hardly_show_is_doubtful_and_the_picture_unknown() -> None:
+    between = 0.5 * (STILL.seen_perhaps + STILL.seen_again)
+    sayer = saying("trespasser", between, 22.0, 28.0)
+    (found,) = seen(WITH_PERSON, sayer)
+    assert found.doubt is not None
+    masks = WITH_PERSON
+    sure = np.full_like(masks.labels, 230)
+    still = Segmentation(masks.labels, sure, masks.rail_score, close_ups=sayer)
+    answer = inspect_still(still, CAMERA)
+    assert answer.said == "unknown"
+    assert "close-ups" in answer.reason
+
+
+def test_where_nobody_looked_the_masks_have_the_say() -> None:
+    def nowhere(track: TrackGeometry) -> CloseUps:
+        return CloseUps(np.array([5.0]), np.eye(4)[:1])
+
+    found = seen(WITH_PERSON, nowhere)  # type: ignore[arg-type]
+    assert [f.type for f in found] == ["trespasser"]
+
+
+def test_a_weak_sight_counts_where_close_ups_see_it_too() -> None:
+    weak = 80  # of 255: too little by itself
+    assert seen(WITH_PERSON, None, weak) == ()
+    (found,) = seen(WITH_PERSON, saying("trespasser", 0.85, 22.0, 28.0), weak)
+    assert found.type == "trespasser"
+    assert found.confidence == pytest.approx(0.85)
+    assert abs(found.foot_uv[1] - seen(WITH_PERSON, None)[0].foot_uv[1]) < 1  # the masks' own place
+
+
+@pytest.mark.parametrize("answer", ANSWERS[1:])
+@pytest.mark.parametrize("range_m", [12.0, 30.0])
+def test_close_ups_alone_find_what_they_clearly_show(answer: str, range_m: float) -> None:
+    (found,) = seen(CLEAR_TRACK, saying(answer, 0.97, 0.9 * range_m, 1.12 * range_m))
+    assert found.type == answer
+    assert found.doubt is None
+    assert found.place_rel > 0
+    assert "close-ups" in found.evidence
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    measured = FrameRanging(track).measure(found)
+    assert isinstance(measured, Range)
+    assert measured.range_m == pytest.approx(range_m, rel=0.1)
+    assert measured.std_m >= found.place_rel * measured.range_m
+    low, high = measured.interval_m
+    assert low < range_m < high
+
+
+def test_one_place_alone_is_not_enough() -> None:
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    at = float(places(track)[10])
+    sayer = saying("obstruction", 0.99, at - 0.01, at + 0.01)
+    assert sayer(track).chances[:, 2].max() == pytest.approx(0.99)
+    assert seen(CLEAR_TRACK, sayer) == ()
+
+
+def test_no_second_finding_is_made_of_what_the_masks_show_already() -> None:
+    found = seen(WITH_PERSON, saying("obstruction", 0.99, 15.0, 35.0))
+    assert [f.type for f in found] == ["trespasser"]
+
+
+@given(range_m=st.floats(9.0, 60.0), chance=st.floats(0.0, 1.0))
+def test_a_box_never_leaves_the_picture(range_m: float, chance: float) -> None:
+    for answer in ANSWERS[1:]:
+        for found in seen(CLEAR_TRACK, saying(answer, chance, 0.9 * range_m, 1.12 * range_m)):
+            left, top, right, bottom = found.box_xyxy
+            assert 0 <= left < right <= 639
+            assert 0 <= top < bottom <= 359
+            bent = found.type == "distortion"
+            assert found.confidence >= (STILL.seen_bent if bent else STILL.seen_alone) - 1e-9
+
+
+def test_weaker_thresholds_are_weaker() -> None:
+    limits, weaker = STILL, STILL.weaker()
+    for name in ("least_confidence", "person_confidence", "least_doubt", "bend_px", "bend_noise"):
+        assert getattr(weaker, name) < getattr(limits, name)
+    assert replace(weaker, bend_px=limits.bend_px).bend_m == limits.bend_m
+
+
+def test_a_recording_looks_where_the_masks_show_something_and_nowhere_else() -> None:
+    looked: list[tuple[float, float]] = []
+    sayer = saying("trespasser", 0.9, 22.0, 28.0)
+
+    def counting(track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M) -> CloseUps:
+        looked.append((from_m, to_m))
+        return sayer(track, from_m, to_m)
+
+    limits = Thresholds()
+    assert seen(CLEAR_TRACK, counting, limits=limits) == ()  # type: ignore[arg-type]
+    assert looked == []
+    (found,) = seen(WITH_PERSON, counting, limits=limits)  # type: ignore[arg-type]
+    assert found.type == "trespasser"
+    ((from_m, to_m),) = looked
+    assert 18.0 < from_m < 25.0 < to_m < 32.0
+    assert seen(WITH_PERSON, saying("trespasser", 0.01, 22.0, 28.0), limits=limits) == ()
+    assert seen(CLEAR_TRACK, saying("trespasser", 0.99, 15.0, 40.0), limits=limits) == ()
+
+
+def test_what_is_about_to_leave_the_picture_is_not_held_against_its_border() -> None:
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    assert track.path is not None
+    near = draw(CAMERA, things=[replace(PERSON, range_m=1.05 * float(track.path.chainage_m[0]))])
+    found = seen(near, saying("trespasser", 0.0, 0.0, 200.0), limits=Thresholds())
+    assert [f.type for f in found] == ["trespasser"]
+
+
+def test_a_distortion_counts_from_less_than_a_thing() -> None:
+    chance = 0.5 * (STILL.seen_bent + STILL.seen_alone)
+    assert seen(CLEAR_TRACK, saying("obstruction", chance, 20.0, 26.0)) == ()
+    (found,) = seen(CLEAR_TRACK, saying("distortion", chance, 20.0, 26.0))
+    assert found.confidence == pytest.approx(chance)
