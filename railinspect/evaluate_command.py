@@ -46,6 +46,11 @@ def add_evaluate(commands: Any, command: AddCommand) -> None:
         "this data set, instead of the inspector",
     )
     parser.add_argument(
+        "--no-close-ups",
+        action="store_true",
+        help="judge by the masks alone, without a second look at the picture itself",
+    )
+    parser.add_argument(
         "--clear-rides",
         type=int,
         default=0,
@@ -65,6 +70,7 @@ def add_evaluate(commands: Any, command: AddCommand) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from railinspect.close_ups import CloseUpNetwork
     from railinspect.evaluation import Judge, evaluated, inspect_still, judge_set, read_samples
     from railinspect.evaluation.page import html, markdown
     from railinspect.runfolder import RunFolder, refuse_taken
@@ -78,7 +84,11 @@ def _run(options: argparse.Namespace) -> int:
             "give at least 0 rides of more than 0 and at most 3600 s and a seed of at least 0"
         )
     samples = read_samples(options.data_set)
-    segmenter = None if options.truth else _segmenter(options.bundle)
+    segmenter, close_ups = None, None
+    if not options.truth:
+        segmenter = _segmenter(options.bundle, not options.no_close_ups)
+    elif not options.no_close_ups:
+        close_ups = CloseUpNetwork.default()
     folder = None
     if options.out is not None:
         refuse_taken(options.out, FILES)
@@ -95,14 +105,15 @@ def _run(options: argparse.Namespace) -> int:
         )
     answers = _with_line(
         "judging",
-        lambda show: judge_set(samples, segmenter, judge, not options.no_camera, progress=show),
+        lambda show: judge_set(samples, segmenter, judge, not options.no_camera, show, close_ups),
         options.json,
     )
-    rides = _rides(options, segmenter) if options.clear_rides else None
+    rides = _rides(options, segmenter, close_ups) if options.clear_rides else None
     name = "the inspector" if options.svm is None else "the linear SVM"
     masks = "true masks"
     if segmenter is not None:
         masks = f"masks of {options.bundle or 'the shipped bundle'}"
+    masks += "" if options.no_close_ups or options.svm else " and close-ups"
     evaluation = evaluated(options.data_set, samples, answers, name, masks, rides)
     document = evaluation.as_json()
     if folder is not None:
@@ -115,19 +126,21 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _segmenter(bundle: Path | None) -> Any:
+def _segmenter(bundle: Path | None, close_ups: bool) -> Any:
     from railinspect.segmenter import Segmenter
 
-    return Segmenter.default() if bundle is None else Segmenter.load(bundle)
+    if bundle is None:
+        return Segmenter.default(close_ups=close_ups)
+    return Segmenter.load(bundle, close_ups=close_ups)
 
 
-def _rides(options: argparse.Namespace, segmenter: Any) -> Any:
+def _rides(options: argparse.Namespace, segmenter: Any, close_ups: Any) -> Any:
     from railinspect.evaluation import clear_rides, ride_through
 
     rides = clear_rides(options.clear_rides, options.seed, options.ride_s)
     return _with_line(
         "riding",
-        lambda show: ride_through(rides, segmenter, not options.no_camera, progress=show),
+        lambda show: ride_through(rides, segmenter, not options.no_camera, show, close_ups),
         options.json,
     )
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from railinspect.boxes import Box
 from railinspect.camera import Camera
+from railinspect.close_ups import LookAtTrack
 from railinspect.event_candidate import TYPE_WEIGHT
 from railinspect.findings import find
 from railinspect.labels import RAILS
@@ -84,11 +85,14 @@ def inspect_still(segmentation: SegmentationLike, camera: Camera | None = None) 
     return Answer("clear", (), "", time_ms, rails)
 
 
-def true_segmentation(labels: npt.NDArray[np.uint8]) -> Segmentation:
+def true_segmentation(
+    labels: npt.NDArray[np.uint8], close_ups: LookAtTrack | None = None
+) -> Segmentation:
     """The segmentation a perfect network would give: sure of every true label.
 
     Args:
         labels: Class ids, uint8 (H, W).
+        close_ups: Looks at the picture besides; None for masks alone.
     """
     rail = np.where(np.isin(labels, RAILS), 255, 0).astype(np.uint8)
-    return Segmentation(labels, np.full_like(labels, 255), rail)
+    return Segmentation(labels, np.full_like(labels, 255), rail, close_ups=close_ups)

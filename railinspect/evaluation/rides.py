@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincinv
 
+from railinspect.close_ups import CloseUpNetwork
 from railinspect.evaluation.answers import true_segmentation
 from railinspect.events import Event
 from railinspect.pipeline import Inspector, SegmentFunction
@@ -81,6 +83,7 @@ def ride_through(
     segmenter: SegmentFunction | None,
     camera_known: bool = True,
     progress: Callable[[int, float], None] | None = None,
+    close_ups: CloseUpNetwork | None = None,
 ) -> ClearRides:
     """Inspect clear rides frame by frame, as a recording would be.
 
@@ -89,6 +92,7 @@ def ride_through(
         segmenter: From picture to masks; None takes the true masks.
         camera_known: Whether the inspector is told the camera.
         progress: Called with frames done and their share of all.
+        close_ups: Looks at the pictures besides true masks; a segmenter brings its own.
     """
     total = sum(len(ride) for ride in rides)
     frames = unknown = 0
@@ -100,7 +104,10 @@ def ride_through(
         for index in range(len(ride)):
             picture = ride.frame(index)
             frame = Frame(index, index / ride.frame_rate, picture.rgb)
-            masks = true_segmentation(picture.labels) if segmenter is None else None
+            masks = None
+            if segmenter is None:
+                look = None if close_ups is None else partial(close_ups, picture.rgb)
+                masks = true_segmentation(picture.labels, look)
             record = judge.feed(frame, masks)
             frames += 1
             unknown += record.status == "unknown"

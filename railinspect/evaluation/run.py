@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from railinspect.camera import Camera
+from railinspect.close_ups import CloseUpNetwork
 from railinspect.evaluation.answers import Answer, Judge, inspect_still, true_segmentation
 from railinspect.evaluation.rides import ClearRides
 from railinspect.evaluation.samples import Sample
@@ -70,6 +72,7 @@ def judge_set(
     judge: Judge = inspect_still,
     use_camera: bool = True,
     progress: Callable[[int, float], None] | None = None,
+    close_ups: CloseUpNetwork | None = None,
 ) -> tuple[Answer, ...]:
     """One answer per picture.
 
@@ -80,6 +83,7 @@ def judge_set(
         judge: Who answers.
         use_camera: Whether the judge is told the camera where the set knows it.
         progress: Called with pictures done and their share of all.
+        close_ups: Looks at the pictures besides true masks; a segmenter brings its own.
 
     Raises:
         BadInputError: if a picture or, without a segmenter, its mask cannot be read.
@@ -87,20 +91,26 @@ def judge_set(
     answers = []
     for done, sample in enumerate(samples, 1):
         camera = sample.camera if use_camera else None
-        answers.append(judge(masks_of(sample, segmenter, camera), camera))
+        answers.append(judge(masks_of(sample, segmenter, camera, close_ups), camera))
         if progress is not None:
             progress(done, done / len(samples))
     return tuple(answers)
 
 
-def masks_of(sample: Sample, segmenter: Network | None, camera: Camera | None) -> SegmentationLike:
+def masks_of(
+    sample: Sample,
+    segmenter: Network | None,
+    camera: Camera | None,
+    close_ups: CloseUpNetwork | None = None,
+) -> SegmentationLike:
     """A picture's masks: the network's, with closer looks if it is wide, or the true ones.
 
     Raises:
         BadInputError: if the picture or, without a network, its mask cannot be read.
     """
     if segmenter is None:
-        return true_segmentation(sample.labels())
+        look = None if close_ups is None else partial(close_ups, sample.rgb())
+        return true_segmentation(sample.labels(), look)
     return Fovea(segmenter, camera)(sample.rgb())
 
 

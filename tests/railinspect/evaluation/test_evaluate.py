@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import ClassVar
 
 import cv2
@@ -13,6 +14,7 @@ import pytest
 from railinspect import cli, labels
 from railinspect.anomalies.manifest import ManifestEntry, write_manifest
 from railinspect.camera import Camera
+from railinspect.close_ups import CloseUps, places
 from railinspect.errors import BadInputError
 from railinspect.evaluation import (
     Anomaly,
@@ -30,6 +32,7 @@ from railinspect.evaluation.svm import fit
 from railinspect.scenes import Ride, demo_settings
 from railinspect.scenes.dataset import IMAGES, MASKS, NOTES
 from railinspect.segmenter import Segmentation
+from railinspect.track.geometry import TrackGeometry
 
 BOX = (100.0, 100.0, 116.0, 116.0)
 
@@ -90,6 +93,10 @@ def test_no_event_in_an_hour_still_allows_three():
     assert ClearRides(1, 1.0, 72.0, 1, 0, ()).at_most() == pytest.approx(-math.log(0.05))
 
 
+BY_MASKS = ("--truth", "--no-close-ups")
+"""The pictures of these sets are masks in false colours: no network has seen such."""
+
+
 @pytest.fixture(scope="module")
 def data_set(tmp_path_factory):
     """Four pictures of a known track: clear, a person, a crate, a bulge in the rails."""
@@ -141,7 +148,7 @@ def data_set(tmp_path_factory):
 
 def test_the_command_judges_a_set_and_writes_its_pages(data_set, tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = ["evaluate", str(data_set), "--truth", "--out", str(out), "--json"]
+    arguments = ["evaluate", str(data_set), *BY_MASKS, "--out", str(out), "--json"]
     assert cli.main(arguments) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["accuracy"]["hits"] == document["pictures"] == 4
@@ -173,7 +180,7 @@ def test_failures_are_shown(data_set, tmp_path, capsys):
     assert (mask != clear).any()
     cv2.imwrite(str(broken / "masks" / "1.png"), clear)
     out = tmp_path / "out"
-    assert cli.main(["evaluate", str(broken), "--truth", "--out", str(out)]) == 0
+    assert cli.main(["evaluate", str(broken), *BY_MASKS, "--out", str(out)]) == 0
     assert "trespasser at 25 m, called clear" in capsys.readouterr().out
     page = (out / "evaluation.html").read_text()
     assert page.count("<figure>") == 1
@@ -288,3 +295,22 @@ def test_wide_pictures_are_looked_at_closely(tmp_path, size_wh, looks, use_camer
     (answer,) = judge_set([sample], Network(), use_camera=use_camera)
     assert Network.seen == [size_wh[::-1], (360, 640)][:looks]
     assert answer.said == "clear"
+
+
+def test_true_masks_get_their_second_look_from_the_picture(data_set: Path) -> None:
+    class Looking:
+        """Close-ups that note what they were shown and see nothing."""
+
+        def __init__(self) -> None:
+            self.shown: list[tuple[int, ...]] = []
+
+        def __call__(self, rgb: np.ndarray, track: TrackGeometry, *_: float) -> CloseUps:
+            self.shown.append(rgb.shape)
+            at = places(track)
+            return CloseUps(at, np.eye(4)[np.zeros(len(at), int)])
+
+    samples, looking = read_samples(data_set), Looking()
+    answers = judge_set(samples, None, close_ups=looking)  # type: ignore[arg-type]
+    assert [a.said for a in judge_set(samples, None)][1] == "trespasser"
+    assert {a.said for a in answers} == {"clear"}  # what a clear close-up shows is not there
+    assert set(looking.shown) == {(360, 640, 3)}
