@@ -114,3 +114,14 @@ def test_only_a_bundles_network_looks_closer_at_stills() -> None:
     assert isinstance(for_stills(segmenter, None), Fovea)
     other = Counting()
     assert for_stills(other, None) is other
+
+
+def test_close_ups_stay_those_of_the_whole_picture() -> None:
+    def whole(track: object) -> str:
+        return "whole"
+
+    plane = np.zeros((90, 160), np.uint8)
+    far = Segmentation(plane, plane, plane, close_ups=whole)  # type: ignore[arg-type]
+    part = np.zeros((45, 80), np.uint8)
+    near = Segmentation(part, part, part, close_ups=lambda track: "part")  # type: ignore
+    assert looked_closer(far, near, (20, 10)).close_ups is whole

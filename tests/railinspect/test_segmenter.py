@@ -260,3 +260,20 @@ def test_runs_where_the_training_stack_is_absent(tmp_path: Path) -> None:
 
 def test_hand_built_graph_is_valid() -> None:
     onnx.checker.check_model(model())
+
+
+def test_close_ups_look_at_the_whole_picture_with_any_number_of_threads() -> None:
+    shown: list[np.ndarray] = []
+
+    def look(rgb: np.ndarray, track: object) -> str:
+        shown.append(rgb)
+        return "seen"
+
+    image = noise(96, 64)
+    segmenter = Segmenter(bundle(), threads=2, close_ups=look)  # type: ignore[arg-type]
+    for one in (segmenter, segmenter.on_one_thread()):
+        result = one(image)
+        assert result.close_ups is not None
+        assert result.close_ups(None) == "seen"
+        assert shown.pop() is image
+    assert Segmenter(bundle(), threads=1)(image).close_ups is None

@@ -9,9 +9,22 @@ import pytest
 
 from fscnn.close_ups import cache
 from fscnn.close_ups.dataset import WindowSet, read, varied
-from fscnn.close_ups.windows import AT_PLACE, MARGIN_PX, SIZE_WH, Windows, _apart, drawn, rendered
+from fscnn.close_ups.windows import (
+    AT_PLACE,
+    MARGIN_PX,
+    SIZE_WH,
+    Windows,
+    _apart,
+    _shown,
+    drawn,
+    rendered,
+)
+from railinspect.anomalies.ego import EgoTrack
 from railinspect.close_ups import ANSWERS, WINDOW_WH
 from railinspect.errors import BadInputError
+from railinspect.evaluation.drawn_tracks import camera
+from railinspect.labels import HUMAN
+from railinspect.scenes.render import SceneObject
 
 SEEDS = range(31_000_000, 31_000_006)
 
@@ -129,3 +142,31 @@ def test_variations_keep_the_size_and_most_of_the_picture() -> None:
         assert abs(halves[0] - halves[1]) > 60  # moved, but the edge stays near the middle
         left_bright += halves[0] > halves[1]
     assert 15 < left_bright < 45  # mirrored about every other time
+
+
+def test_what_can_hardly_be_told_is_of_no_answer() -> None:
+    along = np.array([5.0, 50.0, 100.0])
+    track = EgoTrack(
+        camera(),
+        True,
+        along,
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.array([300.0, 200.0, 190.0]),
+        320.0 - 300.0 / along,
+        320.0 + 300.0 / along,
+    )
+
+    def thing(
+        kind: str, visible_px: int = 200, height_m: float = 1.0, on: bool = True
+    ) -> SceneObject:
+        box = (0.0, 0.0, 9.0, 9.0)
+        return SceneObject(1, kind, HUMAN, box, visible_px, 50.0, height_m, 1.9, on)
+
+    assert _shown(thing("obstruction"), 0.0, track) == ((50.0, 50.0), 2)
+    assert _shown(thing("obstruction", visible_px=9), 0.0, track) == ((50.0, 50.0), 0)
+    assert _shown(thing("trespasser", height_m=0.1), 0.0, track) == ((50.0, 50.0), 0)
+    assert _shown(thing("distortion", height_m=0.3), 12.0, track) == ((50.0, 62.0), 1)
+    assert _shown(thing("distortion", height_m=0.1), 12.0, track) == ((50.0, 62.0), 0)
+    assert _shown(thing("person", on=False), 0.0, track) == ((50.0, 50.0), 0)  # beside: neither
+    assert _shown(thing("car", on=True), 0.0, track) == ((50.0, 50.0), 0)
