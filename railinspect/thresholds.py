@@ -99,7 +99,10 @@ class Thresholds:
             for, and not only of findings. Then they also find
         seen_both: what the masks show by :meth:`weaker` thresholds, from this probability on,
         seen_alone: and what they do not show at all, at two places side by side;
-        seen_bent: the same of distortions, which the masks may hide by following them.
+        seen_bent: the same of distortions, which the masks may hide by following them, where a
+            metre across the track takes up
+        bent_metre_px: this many pixels of the picture, whatever its width: an eighth of a metre
+            is then 1.5 of them.
     """
 
     clearance_m: float = 1.5
@@ -167,6 +170,7 @@ class Thresholds:
     seen_both: float = 0.8
     seen_alone: float = 0.9
     seen_bent: float = 0.4
+    bent_metre_px: float = 12.0
 
     def weaker(self) -> Thresholds:
         """What is worth a second look: too unsure or too small to be a finding by itself."""

@@ -133,7 +133,11 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
     odds = logit(np.clip(something, _NEVER, 1.0 - _NEVER))
     both = expit(0.5 * (odds[:-1] + odds[1:]))
     kinds = 1 + (close_ups.chances[:-1, 1:] + close_ups.chances[1:, 1:]).argmax(axis=1)
-    least = np.where(kinds == _DISTORTION, limits.seen_bent, limits.seen_alone)
+    path = track.path
+    assert path is not None
+    metres = np.interp(close_ups.chainage_m[:-1], path.chainage_m, path.metre_px)
+    bent = (kinds == _DISTORTION) & (metres >= limits.bent_metre_px)
+    least = np.where(bent, limits.seen_bent, limits.seen_alone)
     best = int((logit(both) - logit(least)).argmax())
     if both[best] < least[best]:
         return None
@@ -141,8 +145,6 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
     kind = cast(FindingType, ANSWERS[kinds[best]])
     at = close_ups.chainage_m[pair]
     range_m = float(np.exp(np.average(np.log(at), weights=something[pair])))
-    path = track.path
-    assert path is not None
     u, v, metre = (
         float(np.interp(range_m, path.chainage_m, values))
         for values in (path.uv[:, 0], path.uv[:, 1], path.metre_px)

@@ -189,3 +189,6 @@ def test_a_distortion_counts_from_less_than_a_thing() -> None:
     assert seen(CLEAR_TRACK, saying("obstruction", chance, 20.0, 26.0)) == ()
     (found,) = seen(CLEAR_TRACK, saying("distortion", chance, 20.0, 26.0))
     assert found.confidence == pytest.approx(chance)
+    # where it would be less than 1.5 px wide it does not
+    assert seen(CLEAR_TRACK, saying("distortion", chance, 65.0, 85.0)) == ()
+    assert len(seen(CLEAR_TRACK, saying("distortion", 0.98, 65.0, 85.0))) == 1
