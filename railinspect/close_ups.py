@@ -236,8 +236,8 @@ class CloseUpNetwork:
             assert path is not None
             u, v = (float(np.interp(chainage, path.chainage_m, path.uv[:, i])) for i in range(2))
             metre = float(np.interp(chainage, path.chainage_m, path.metre_px))
-            if not np.isfinite([u, v, metre]).all():
-                continue
+            if not (0 <= u < rgb.shape[1] and 0 <= v < rgb.shape[0] and np.isfinite(metre)):
+                continue  # the track has left the picture there, or turned back behind a crest
             window = close_up(rgb, (u, v), metre)
             if window is not None:
                 at.append(chainage)

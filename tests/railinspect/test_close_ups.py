@@ -184,3 +184,14 @@ def test_a_close_up_network_is_no_bundle(tmp_path: Path) -> None:
     onnx.checker.check_model(onnx.load(path))
     with pytest.raises(BundleError, match="cannot read"):
         CloseUpNetwork.load(tmp_path / "none.onnx")
+
+
+def test_nobody_looks_where_the_track_has_left_the_picture() -> None:
+    track = TrackFollower(WIDE).update(draw(WIDE))
+    assert track.path is not None
+    uv = track.path.uv.copy()
+    uv[track.path.chainage_m > 30.0, 0] += 1000.0  # as if it turned sharply
+    turned = dataclasses.replace(track, path=dataclasses.replace(track.path, uv=uv))
+    found = CloseUpNetwork(by_hand())(np.zeros((1080, 1920, 3), np.uint8), turned)
+    assert len(places(turned)) > len(found.chainage_m) > 5
+    assert found.chainage_m.max() <= 30.0
