@@ -25,10 +25,10 @@ from typing import Any, Final, cast
 import cv2
 import numpy as np
 import numpy.typing as npt
-import onnxruntime
 
 from railinspect.bundle import GOLDEN_INPUT, Image, golden_image, read_bytes
 from railinspect.errors import BundleError
+from railinspect.onnx_session import open_session
 from railinspect.track.geometry import TrackGeometry
 
 Array = npt.NDArray[np.float64]
@@ -165,18 +165,7 @@ class CloseUpNetwork:
         Raises:
             BundleError: if the bytes are no such network, or one for other windows than ours.
         """
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4
-        try:
-            session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # ONNX Runtime's own errors share no narrower base class
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BundleError(
-                f"{name} is not an ONNX file that can be run ({reason[:160]})"
-            ) from error
+        session = open_session(data, name, 1)
         text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         self.metadata = _checked(text, name)
         width, height = WINDOW_WH

@@ -27,6 +27,7 @@ from railinspect.bundle import (
 )
 from railinspect.close_ups import CloseUpNetwork, LookAtTrack
 from railinspect.errors import BadInputError, BundleError
+from railinspect.onnx_session import open_session
 
 MIN_SIDE_PX = 16
 """Least width and height of an image; anything smaller shows no track."""
@@ -96,21 +97,7 @@ class Segmenter:
         self.threads = threads
         self._source, self._close_ups = (data, name), close_ups
         self._single: Segmenter | None = self if threads == 1 else None
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.inter_op_num_threads = 1
-        # Threads that wait by spinning halve the speed as soon as anything else needs the cores.
-        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-        options.log_severity_level = 4  # what is wrong is said once, by the error below
-        try:
-            session = onnxruntime.InferenceSession(
-                data, options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # ONNX Runtime's own errors share no narrower base class
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise BundleError(
-                f"{name} is not an ONNX file that can be run ({reason[:160]})"
-            ) from error
+        session = open_session(data, name, threads)
         text = session.get_modelmeta().custom_metadata_map.get(METADATA_KEY)
         if text is None:
             raise BundleError(
