@@ -23,6 +23,7 @@ from benchmarks.common import Measure, median_seconds, parser, publish
 from railinspect.anomalies.build import BuildPlan, Composition, build
 from railinspect.anomalies.sources import WorldSource
 from railinspect.anomalies_command import WORLDS_PER_SEED
+from railinspect.camera import Camera
 from railinspect.close_ups import CloseUpNetwork, places
 from railinspect.evaluation import inspect_still, read_samples
 from railinspect.evaluation.run import masks_of
@@ -33,6 +34,7 @@ from railinspect.scenes import Ride, SceneSettings, demo_settings
 from railinspect.segmenter import Segmenter
 from railinspect.thresholds import Thresholds
 from railinspect.track import TrackFollower
+from railinspect.track.geometry import SegmentationLike
 
 
 def _costs() -> list[Measure]:
@@ -96,12 +98,14 @@ def _pictures(size_wh: tuple[int, int], seed: int, count: int) -> list[Measure]:
 _BARS = {"clear": None, "distortion": 95.3, "obstruction": 94.7, "trespasser": 92.0}
 
 
-def _alone(seen: object, camera: object, true_m: float) -> list[tuple[Range, float]]:
+def _alone(
+    seen: SegmentationLike, camera: Camera | None, true_m: float
+) -> list[tuple[Range, float]]:
     """The range of what close-ups alone found in a picture, with the true one."""
-    track = TrackFollower(camera).update(seen)  # type: ignore[arg-type]
-    ranging = FrameRanging(track, segmentation=seen)  # type: ignore[arg-type]
+    track = TrackFollower(camera).update(seen)
+    ranging = FrameRanging(track, segmentation=seen)
     found = []
-    for finding in find(seen, track, Thresholds().still()):  # type: ignore[arg-type]
+    for finding in find(seen, track, Thresholds().still()):
         if finding.place_rel > 0 and finding.doubt is None:
             measured = ranging.measure(finding)
             near = isinstance(measured, Range) and 0.6 < measured.range_m / true_m < 1.6

@@ -77,14 +77,6 @@ class CloseUps:
     chainage_m: Array
     chances: Array
 
-    def within(self, from_m: float, to_m: float) -> Array:
-        """The largest probability of each answer among the places from … to, shape (4,).
-
-        Zeros where there is no place: nothing was looked at there.
-        """
-        chosen = self.chances[(self.chainage_m >= from_m) & (self.chainage_m <= to_m)]
-        return cast(Array, chosen.max(axis=0)) if len(chosen) else np.zeros(len(ANSWERS))
-
 
 def close_up(
     rgb: Image, place_uv: Sequence[float], metre_px: float, margin_px: int = 0

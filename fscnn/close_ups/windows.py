@@ -20,7 +20,7 @@ from railinspect.anomalies import NoTrackError, generate
 from railinspect.anomalies.ego import EgoTrack, track_of_world
 from railinspect.anomalies.generate import MADE_TYPES, Generated
 from railinspect.anomalies.sources import WorldSource
-from railinspect.close_ups import ANSWERS, FARTHEST_M, LEAST_METRE_PX, PX_PER_M, WINDOW_WH, close_up
+from railinspect.close_ups import ANSWERS, FARTHEST_M, LEAST_METRE_PX, WINDOW_WH, close_up
 from railinspect.labels import HUMAN
 from railinspect.scenes import SceneSettings, planting
 from railinspect.scenes.render import SceneObject, view
@@ -44,6 +44,9 @@ STEP: Final = 1.2
 
 MARGIN_PX: Final = 6
 """Border kept around a window, from which the trainer shifts and scales it."""
+
+SIZE_WH: Final = (WINDOW_WH[0] + 2 * MARGIN_PX, WINDOW_WH[1] + 2 * MARGIN_PX)
+"""Width and height of a window with its margin, pixels."""
 
 _DRAWN_EACH: Final = 2
 _PATH_STD: Final = (0.10, 0.05, 0.03)
@@ -211,9 +214,3 @@ def _ladder(near: float, far: float, rng: np.random.Generator) -> Iterator[float
 
 def _apart(range_m: float, span: Span) -> bool:
     return range_m < span[0] * math.exp(-APART) or range_m > span[1] * math.exp(APART)
-
-
-SIZE_WH: Final = (WINDOW_WH[0] + 2 * MARGIN_PX, WINDOW_WH[1] + 2 * MARGIN_PX)
-"""Width and height of a window with its margin, pixels."""
-
-__all__ = ["MARGIN_PX", "PX_PER_M", "SIZE_WH", "Windows", "drawn", "rendered"]

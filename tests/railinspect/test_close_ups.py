@@ -22,7 +22,6 @@ from railinspect.close_ups import (
     STEP,
     WINDOW_WH,
     CloseUpNetwork,
-    CloseUps,
     close_up,
     expected_metadata,
     golden_windows,
@@ -145,12 +144,6 @@ def test_more_windows_than_a_batch_come_back_in_order() -> None:
     windows += np.arange(150, dtype=np.uint8)[:, None, None, None]
     chances = CloseUpNetwork(by_hand()).chances(windows)
     assert np.allclose(chances[:, 0] * 255, np.arange(150), atol=1e-3)
-
-
-def test_the_largest_chance_within_a_stretch() -> None:
-    found = CloseUps(np.array([10.0, 20.0, 30.0]), np.diag([0.5, 0.6, 0.7, 0.8])[:3])
-    assert found.within(15.0, 35.0).tolist() == [0.0, 0.6, 0.7, 0.0]
-    assert found.within(11.0, 12.0).tolist() == [0.0] * 4
 
 
 def test_the_shipped_network_gives_here_what_it_gave_where_it_was_made() -> None:

@@ -121,7 +121,7 @@ def test_close_ups_stay_those_of_the_whole_picture() -> None:
         return "whole"
 
     plane = np.zeros((90, 160), np.uint8)
-    far = Segmentation(plane, plane, plane, close_ups=whole)  # type: ignore[arg-type]
+    far = Segmentation(plane, plane, plane, close_ups=whole)
     part = np.zeros((45, 80), np.uint8)
-    near = Segmentation(part, part, part, close_ups=lambda track: "part")  # type: ignore
+    near = Segmentation(part, part, part, close_ups=lambda track: "part")
     assert looked_closer(far, near, (20, 10)).close_ups is whole

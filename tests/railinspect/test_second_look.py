@@ -96,7 +96,7 @@ def test_where_nobody_looked_the_masks_have_the_say() -> None:
     def nowhere(track: TrackGeometry) -> CloseUps:
         return CloseUps(np.array([5.0]), np.eye(4)[:1])
 
-    found = seen(WITH_PERSON, nowhere)  # type: ignore[arg-type]
+    found = seen(WITH_PERSON, nowhere)
     assert [f.type for f in found] == ["trespasser"]
 
 
@@ -166,9 +166,9 @@ def test_a_recording_looks_where_the_masks_show_something_and_nowhere_else() -> 
         return sayer(track, from_m, to_m)
 
     limits = Thresholds()
-    assert seen(CLEAR_TRACK, counting, limits=limits) == ()  # type: ignore[arg-type]
+    assert seen(CLEAR_TRACK, counting, limits=limits) == ()
     assert looked == []
-    (found,) = seen(WITH_PERSON, counting, limits=limits)  # type: ignore[arg-type]
+    (found,) = seen(WITH_PERSON, counting, limits=limits)
     assert found.type == "trespasser"
     ((from_m, to_m),) = looked
     assert 18.0 < from_m < 25.0 < to_m < 32.0

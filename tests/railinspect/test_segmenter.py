@@ -270,7 +270,7 @@ def test_close_ups_look_at_the_whole_picture_with_any_number_of_threads() -> Non
         return "seen"
 
     image = noise(96, 64)
-    segmenter = Segmenter(bundle(), threads=2, close_ups=look)  # type: ignore[arg-type]
+    segmenter = Segmenter(bundle(), threads=2, close_ups=look)
     for one in (segmenter, segmenter.on_one_thread()):
         result = one(image)
         assert result.close_ups is not None

@@ -88,7 +88,7 @@ def test_weights_of_another_shape_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("wrong", [{"minutes": 0.0}, {"rate": 0.0}, {"batch": 1}])
 def test_settings_that_train_nothing_are_refused(tmp_path: Path, wrong: dict[str, float]) -> None:
     with pytest.raises(BadInputError, match="must be"):
-        fit(tmp_path, tmp_path / "a.ckpt", **{"minutes": 1.0, **wrong})  # type: ignore[arg-type]
+        fit(tmp_path, tmp_path / "a.ckpt", **{"minutes": 1.0, **wrong})
 
 
 def test_shares_are_told_from_the_clear_windows() -> None:

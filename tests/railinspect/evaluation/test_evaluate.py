@@ -310,7 +310,7 @@ def test_true_masks_get_their_second_look_from_the_picture(data_set: Path) -> No
             return CloseUps(at, np.eye(4)[np.zeros(len(at), int)])
 
     samples, looking = read_samples(data_set), Looking()
-    answers = judge_set(samples, None, close_ups=looking)  # type: ignore[arg-type]
+    answers = judge_set(samples, None, close_ups=looking)
     assert [a.said for a in judge_set(samples, None)][1] == "trespasser"
     assert {a.said for a in answers} == {"clear"}  # what a clear close-up shows is not there
     assert set(looking.shown) == {(360, 640, 3)}
