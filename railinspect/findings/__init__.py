@@ -19,6 +19,8 @@ from railinspect.findings.things import find_things
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
 
+_USUAL = Thresholds()
+
 __all__ = ["Finding", "FindingType", "find", "place_on_track"]
 
 
@@ -37,7 +39,7 @@ def find(
     """
     if track.path is None or track.profile is None or len(track.path.uv) < 4:
         return ()
-    thresholds = thresholds or Thresholds()
+    thresholds = thresholds or _USUAL
     found = _by_masks(segmentation, track, thresholds)
     look = getattr(segmentation, "close_ups", None)  # what is no ``Segmentation`` has none
     if look is not None and thresholds.searches:
@@ -53,7 +55,8 @@ def _by_masks(
 ) -> list[Finding]:
     assert track.profile is not None
     found = find_things(segmentation, track, thresholds)
-    share = blur(segmentation, track.profile.uv.mean(axis=1))
+    uv = track.profile.uv
+    share = blur(segmentation, 0.5 * (uv[:, 0] + uv[:, 1]))
     found += find_distortions(track, thresholds, share)
     sure = [finding for finding in found if finding.doubt is None]
     found += find_interruptions(segmentation, track, thresholds, sure)

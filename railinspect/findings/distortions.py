@@ -57,18 +57,18 @@ def find_distortions(
     limit = np.maximum(limit, least_px)
     # A mean over some rows exceeds its limit only where a row does; limits change little by row.
     least = 0.8 * min(1.0, limits.bend_one_rail, limits.ripple_share)
-    lowest = least * np.minimum(swing, limit)[:, None]
-    if not np.any(np.abs(residual) >= lowest):  # NaN compares False
+    if not np.any(np.abs(residual) >= (least * np.minimum(swing, limit))[:, None]):  # NaN: False
         return []
     everything = residual
     # Where no rail lies on the smooth track any more, the one beside it is no other track's.
-    vacant = profile.smooth_peak.max(axis=1) < limits.bend_vacant * profile.peak.min(axis=1)
+    highest, lowest = np.maximum(*profile.smooth_peak.T), np.minimum(*profile.peak.T)
+    vacant = highest < limits.bend_vacant * lowest
     unsure = profile.doubtful & ~vacant[:, None]
     residual = np.where(unsure, np.nan, residual)
-    smooth = np.column_stack([_running_mean(everything[:, i], 3) for i in range(2)])
+    smooth = _running_means(everything, 3)
     smooth[unsure] = np.nan
-    along = np.append(np.diff(profile.chainage_m), 0.0)
-    steepest = limits.bend_step_px * scale + limits.bend_slope * along * metre
+    steepest = np.full_like(metre, limits.bend_step_px * scale)
+    steepest[:-1] += limits.bend_slope * np.diff(profile.chainage_m) * metre[:-1]
     # Some doubtful samples may take part in a wave, whose own slant makes a rail look wide, but not
     # where a rail lies on the smooth track too: what went aside is the other one.
     waves = np.where(
@@ -210,6 +210,15 @@ def _jumps(
         most = np.minimum(most, max(_ONE_STEP * height, float(np.nanmin(limit))))
     from_top = np.maximum(away[1:], away[:-1]) >= _FROM_TOP * height
     return bool(np.any((step > most) & from_top))  # NaN compares False
+
+
+@numba.njit(cache=True)
+def _running_means(both: Array, length: int) -> Array:
+    """Centred means of ``length`` neighbours of each of two columns."""
+    means = np.empty(both.shape)
+    for i in range(2):
+        means[:, i] = _running_mean(both[:, i], length)
+    return means
 
 
 @numba.njit(cache=True)

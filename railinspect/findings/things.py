@@ -35,6 +35,8 @@ from railinspect.track.level import world_pixels
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
+Image = npt.NDArray[np.uint8]
+Indices = npt.NDArray[np.intp]
 
 _VEHICLES = (CLASSES[CAR], CLASSES[TRUCK], CLASSES[ON_RAILS])
 
@@ -49,6 +51,9 @@ _EITHER = _THING | _PERSON
 
 _PERSON_SHARE = 0.3
 """So much of such a person reads as one at least."""
+
+_AROUND_PX = 8
+"""What closing a mask may change lies within so much of what it is of, pixels."""
 
 _LOW_M = 2.0
 """Above this height, metres, nothing of a body says that it stands on the track."""
@@ -74,7 +79,7 @@ def find_things(
     return found
 
 
-def _touch(kind: npt.NDArray[np.uint8]) -> bool:
+def _touch(kind: Image) -> bool:
     """Whether a person comes as near to a thing as what closing makes one region."""
     people = cv2.dilate((kind == _PERSON).view(np.uint8), np.ones((9, 5), np.uint8))
     return bool((people.view(np.bool_) & (kind == _THING)).any())
@@ -101,38 +106,38 @@ def _find_in(
     labels = segmentation.labels
     scale = labels.shape[1] / 640.0
     reach = limits.reach_share * (track.reach_m or 0.0) + 1.0
-    used = path.chainage_m <= reach
-    if np.count_nonzero(used) < 2:
+    used = int(np.searchsorted(path.chainage_m, reach, side="right"))
+    if used < 2:
         return []
     # Rows the envelope can occupy; the thing itself may stand up above them.
-    first = max(0, int(np.nanmin(path.uv[used, 1])) - 1)
+    first = max(0, int(np.fmin.reduce(path.uv[:used, 1])) - 1)
     table = np.zeros(256, np.uint8)
     table[list(limits.foreign)] = _THING
     table[HUMAN] = _PERSON
     kind = np.empty(labels.shape, np.uint8)
     cv2.LUT(labels[first:], table, kind[first:])
     widest = max(limits.person_clearance_m, limits.clearance_m)
-    beside = cv2.bitwise_and(kind[first:], _corridor(track, used, widest, first))
-    if not beside.any():
+    beside = kind[first:] & _corridor(track, used, widest, first)
+    there = [code for code in (_PERSON, _THING) if (beside & code).any()]
+    if len(there) == 2:
+        there.append(_EITHER)
+    there = [
+        code
+        for code in there
+        if _stands_there(kind[first:], beside, code, first, track, reach, limits)
+    ]
+    if not there:
         return []
     if first > 0:
         cv2.LUT(labels[:first], table, kind[:first])
+    if _EITHER in there and not _touch(kind):
+        there.remove(_EITHER)
     found: list[Finding] = []
-    there = [code for code in (_PERSON, _THING) if (beside == code).any()]
-    if len(there) == 2 and _touch(kind):
-        there.append(_EITHER)
     for code in there:
         clearance = _clearance(limits, code)
-        mask = ((kind & code) > 0).view(np.uint8)
-        closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
-        mask = np.asarray(closed, np.uint8)
-        rows, cols = contacts(mask, kind, first)
-        if len(rows) == 0:
-            continue
+        mask, rows, cols = _ends(kind, code, first)
         feet = np.stack([cols, rows + 0.5], axis=1).astype(float)
-        chainage, lateral, _ = place_on_track(track, feet)
-        # Feet stand on the bed, below the plane of the rail tops: a little farther out.
-        lateral *= 1.0 - limits.foot_m / track.camera.height_m
+        chainage, lateral = _places(track, feet, limits)
         near = np.isfinite(lateral) & (chainage <= reach) & (np.abs(lateral) <= clearance + 3.0)
         inside = near & (np.abs(lateral) <= clearance)
         if not inside.any():
@@ -166,6 +171,52 @@ def _find_in(
     return found
 
 
+def _ends(kind: Image, code: int, first: int) -> tuple[Image, Indices, Indices]:
+    """Mask of what is of this kind, and rows and columns from ``first`` on where it ends below."""
+    mask = ((kind & code) > 0).view(np.uint8)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8))
+    mask = np.asarray(closed, np.uint8)
+    return mask, *contacts(mask, kind, first)
+
+
+def _places(track: TrackGeometry, feet: Array, limits: Thresholds) -> tuple[Array, Array]:
+    """Chainage and lateral position of feet in the picture, metres."""
+    chainage, lateral, _ = place_on_track(track, feet)
+    # Feet stand on the bed, below the plane of the rail tops: a little farther out.
+    return chainage, lateral * (1.0 - limits.foot_m / track.camera.height_m)
+
+
+def _stands_there(
+    kind: Image,
+    beside: Image,
+    code: int,
+    first: int,
+    track: TrackGeometry,
+    reach: float,
+    limits: Thresholds,
+) -> bool:
+    """Whether anything of this kind ends inside the envelope, looking only where it may.
+
+    Most of what a corridor hides stands beside it or farther on: masts, walls, platforms.
+
+    Args:
+        kind: Kinds from row ``first`` on.
+        beside: Those of them in the corridor, else 0; some are of this kind.
+        code: The kind.
+        first: The row.
+        track: The track.
+        reach: Chainage up to which anything is judged, metres.
+        limits: Thresholds.
+    """
+    left, top, wide, high = cv2.boundingRect(beside & np.uint8(code))
+    left, right = max(0, left - _AROUND_PX), left + wide + _AROUND_PX
+    top, bottom = max(0, top - _AROUND_PX), top + high + _AROUND_PX
+    _, rows, cols = _ends(np.ascontiguousarray(kind[top:bottom, left:right]), code, 0)
+    feet = np.stack([cols + left, rows + (first + top + 0.5)], axis=1)
+    chainage, lateral = _places(track, feet, limits)
+    return bool(np.any((chainage <= reach) & (np.abs(lateral) <= _clearance(limits, code))))
+
+
 @numba.njit(cache=True)
 def _border(xy_m: Array, heading_rad: Array, half_m: float) -> Array:
     """Outline ``half_m`` to either side of a line, up its left and down its right, (2N, 2).
@@ -183,18 +234,29 @@ def _border(xy_m: Array, heading_rad: Array, half_m: float) -> Array:
     return border
 
 
-def _corridor(
-    track: TrackGeometry, used: Bools, half_m: float, first: int
-) -> npt.NDArray[np.uint8]:
-    """Mask, from row ``first`` on, of what is up to ``half_m`` beside the centre line and a bit."""
+@numba.njit(cache=True)
+def _drawable(outline_uv: Array, first: int, width: int) -> npt.NDArray[np.int32]:
+    """Places of an outline in the picture from row ``first`` on, without what lies behind."""
+    points, count = np.empty((len(outline_uv), 1, 2), np.int32), 0
+    for u, v in outline_uv:
+        if not math.isnan(u):
+            points[count, 0, 0] = round(min(max(u, -4.0 * width), 5.0 * width))
+            points[count, 0, 1] = round(min(max(v, -4.0 * width), 5.0 * width)) - first
+            count += 1
+    return points[:count]
+
+
+def _corridor(track: TrackGeometry, used: int, half_m: float, first: int) -> Image:
+    """Mask, from row ``first`` on, of what is up to ``half_m`` beside the centre line and a bit.
+
+    The first ``used`` samples of the path say where that is.
+    """
     path = track.path
     assert path is not None
     width, height = track.camera.size_wh
-    border = _border(path.xy_m[used], path.heading_rad[used], half_m)
-    outline = world_pixels(track.camera, border)
-    outline = np.clip(outline[np.isfinite(outline[:, 0])], -4 * width, 5 * width)
+    border = _border(path.xy_m[:used], path.heading_rad[:used], half_m)
+    points = _drawable(world_pixels(track.camera, border), first, width)
     mask = np.zeros((height - first, width), np.uint8)
-    points = np.round(outline).astype(np.int32).reshape(-1, 1, 2) - np.array([0, first], np.int32)
     cv2.fillPoly(mask, [points], 255)
     cv2.polylines(mask, [points], True, 255, 5)
     return mask
