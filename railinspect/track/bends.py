@@ -9,8 +9,10 @@ away from them.
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -59,16 +61,21 @@ _SIGNIFICANT: Final = 2.5
 """The rails must lie off by so many standard deviations of what the other rows leave open."""
 
 
+@numba.njit(cache=True)
 def upright(centre_uv: Array) -> Array:
     """How upright a track runs through the image: the sine of its angle to the rows, (M,).
 
     Args:
         centre_uv: Its centre line, one sample per row, pixels, shape (M, 2).
     """
-    rows = np.arange(len(centre_uv))
-    before, after = np.maximum(rows - 3, 0), np.minimum(rows + 3, len(centre_uv) - 1)
-    run = centre_uv[after] - centre_uv[before]
-    return np.asarray(np.maximum(np.abs(run[:, 1]) / np.hypot(*run.T), _LEAST_UPRIGHT))
+    sine, last = np.empty(len(centre_uv)), len(centre_uv) - 1
+    for i in range(len(centre_uv)):
+        before, after = max(i - 3, 0), min(i + 3, last)
+        along_u = centre_uv[after, 0] - centre_uv[before, 0]
+        along_v = centre_uv[after, 1] - centre_uv[before, 1]
+        length = math.hypot(along_u, along_v)
+        sine[i] = max(abs(along_v) / length if length > 0.0 else 0.0, _LEAST_UPRIGHT)
+    return sine
 
 
 def stands_out(common_px: Array, sure: Bools, scale: float) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from railinspect.track.growing import HALF, PSI, Growth, X, Y
-from railinspect.track.level import Level, bilinear, project, sample_line
+from railinspect.track.level import Level, bilinear, blend, inside, project, sample_line, x_at
 from railinspect.track.settings import FollowerSettings
 
 Array = npt.NDArray[np.float64]
@@ -68,6 +68,51 @@ def _nearest_run(profile: Array, size: int, expected: float, count: int) -> int:
 
 
 @numba.njit(cache=True)
+def _path(cam: Array, rows: Array, nodes: Array) -> Array:
+    """Path between grown nodes, straight before the first, in rows below the horizon, (M, 4)."""
+    path, near = np.empty((len(rows), 4)), nodes[0]
+    for i in range(len(rows)):
+        path[i, 0] = x_at(cam, rows[i])
+    for to, column in ((1, Y), (2, PSI), (3, HALF)):
+        path[:, to] = np.interp(path[:, 0], nodes[:, X], nodes[:, column])
+    for i in range(len(rows)):
+        if path[i, 0] < near[X]:
+            path[i, 1] = near[Y] + (path[i, 0] - near[X]) * math.tan(near[PSI])
+    return path
+
+
+@numba.njit(cache=True)
+def _beside(
+    score: npt.NDArray[np.uint8],
+    u: float,
+    v: float,
+    du: float,
+    dv: float,
+    spacing: float,
+    keep_off: float,
+    reach: float,
+    apart: float,
+) -> float:
+    """Another rail: the highest probability up to ``reach`` beside one of ours, but not at it.
+
+    Looked for every ``apart`` pixels to both sides of both rails, which lie half of ``spacing`` to
+    either side of (u, v) along (du, dv).
+    """
+    rows, cols = score.shape
+    highest, far = 0.0, 0.5 * spacing + reach
+    for i in range(int(2.0 * far / apart) + 1):
+        along = i * apart - far
+        if not keep_off < abs(abs(along) - 0.5 * spacing) <= reach:
+            continue
+        at_u, at_v = u + along * du, v + along * dv
+        if inside(rows, cols, at_u, at_v):  # written out: a call per place takes longer
+            c, r = int(at_u), int(at_v)
+            c1, r1 = min(c + 1, cols - 1), min(r + 1, rows - 1)
+            highest = max(highest, blend(score, at_u, at_v, c, r, c1, r1))
+    return highest / 255.0
+
+
+@numba.njit(cache=True)
 def _measure(
     score: npt.NDArray[np.uint8],
     cam: Array,
@@ -80,6 +125,7 @@ def _measure(
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:
     """Everything of :class:`Centres` but the path, in its order."""
     rows = len(path)
+    image_rows, image_cols = score.shape
     offset, peak, width, other = (
         np.zeros((rows, 2)),
         np.zeros((rows, 2)),
@@ -103,26 +149,20 @@ def _measure(
             ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
             between[i] += max(0.0, ground) / (3.0 * 255.0)
         # Another rail: anything rail-like up to aside_m beside one of our rails, but not at it.
-        um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
-        keep_off = max(0.45 * metre, 8.0 * step)
         if spacing > 40.0 * step:
-            far = 0.5 * spacing + aside_m * metre
-            d = -far
-            while d <= far:
-                off = abs(abs(d) - 0.5 * spacing)
-                if keep_off < off <= aside_m * metre:
-                    value = bilinear(
-                        score, um + d * (ul - ur) / spacing, vm + d * (vl - vr) / spacing
-                    )
-                    aside[i] = max(aside[i], value / 255.0)
-                d += 3.0 * step
+            um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
+            du, dv = (ul - ur) / spacing, (vl - vr) / spacing
+            keep_off = max(0.45 * metre, 8.0 * step)
+            aside[i] = _beside(
+                score, um, vm, du, dv, spacing, keep_off, aside_m * metre, 3.0 * step
+            )
         for rail in range(2):
             u, v = (ul, vl) if rail == 0 else (ur, vr)
             du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
             count = min(_PROFILE // 2, math.ceil(reach / step))
             uv[i, rail, 0], uv[i, rail, 1] = u, v
-            if bilinear(score, u, v) < 0.0:
+            if not inside(image_rows, image_cols, u, v):
                 peak[i, rail] = -1.0
                 continue
             size = 2 * count + 1
@@ -181,13 +221,7 @@ def measure_centres(
     scale = score.shape[1] / 640.0
     nodes = growth.nodes[: growth.last]
     rows = np.arange(s_first_px, nodes[-1, 0] - 0.5, -max(1.0, score.shape[0] / 540.0))
-    x = level.ground_from_level(np.stack([0 * rows, rows + level.horizon_px], axis=1))[:, 0]
-    near = nodes[0]
-    heading = np.interp(x, nodes[:, X], nodes[:, PSI])
-    y = np.interp(x, nodes[:, X], nodes[:, Y])
-    before = x < near[X]
-    y[before] = near[Y] + (x[before] - near[X]) * math.tan(near[PSI])
-    path = np.stack([x, y, heading, np.interp(x, nodes[:, X], nodes[:, HALF])], axis=1)
+    path = _path(level.vector, rows, nodes)
     measured = _measure(
         score,
         level.vector,

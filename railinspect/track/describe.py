@@ -40,6 +40,12 @@ STOPS = {
 
 _FIT_STEP_M = 0.3
 
+_BEFORE = np.linspace(0.0, 1.0, 9)[:-1]
+"""Samples of the stretch from the camera to the first sight, as shares of it."""
+
+_BEYOND = np.linspace(0.0, 1.0, 24)
+"""Samples of the stretch beyond the last sight, as shares of its logarithm."""
+
 _SIDES = np.array([1.0, -1.0])
 """Sign of the left and the right rail's distance from the centre line."""
 
@@ -108,7 +114,7 @@ def describe(
     seen = centres.peak >= settings.low
     if min(np.count_nonzero(seen[:, 0]), np.count_nonzero(seen[:, 1])) < 6:
         return None
-    doubtful = _doubtful(centres, seen, scale)
+    doubtful = _doubtful(centres.uv, seen, centres.metre_px, centres.other, centres.width_px, scale)
     switch = _switch(centres, settings)
     unsure = doubtful | switch[:, None]
     smooth, residual = _smooth(level, centres, seen, unsure, scale, settings.stiffness(calibrated))
@@ -173,36 +179,26 @@ def _probability(score: Image, places: Array) -> Array:
     return found
 
 
-def _doubtful(centres: Centres, seen: Bools, scale: float) -> Bools:
+@numba.njit(cache=True)
+def _doubtful(
+    uv: Array, seen: Bools, metre_px: Array, other: Array, width_px: Array, scale: float
+) -> Bools:
     """Samples beside which something else looks like a rail, and their neighbours.
 
     A rail that runs aslant through the image, as in a curve or a ripple, is wide along the row:
     only what is wider than its own slant explains is doubtful.
     """
-    return _beside_another(
-        np.where(seen[:, :, None], centres.uv, np.nan),
-        centres.metre_px,
-        centres.other,
-        centres.width_px,
-        scale,
-    )
-
-
-@numba.njit(cache=True)
-def _beside_another(
-    uv: Array, metre_px: Array, other: Array, width_px: Array, scale: float
-) -> Bools:
     rows = len(uv)
     doubtful = np.zeros((rows, 2), np.bool_)
     for i in range(rows):
         for rail in range(2):
             slant = 1.0
             for reach in (1, 2):  # a short wave's slant shows over one row, a jagged mask's over 2
-                if reach <= i < rows - reach:
-                    du = uv[i + reach, rail, 0] - uv[i - reach, rail, 0]
-                    dv = uv[i + reach, rail, 1] - uv[i - reach, rail, 1]
-                    if not math.isnan(du):
-                        slant = max(slant, math.hypot(du, dv) / (abs(dv) + 0.1))
+                before, after = i - reach, i + reach
+                if before >= 0 and after < rows and seen[before, rail] and seen[after, rail]:
+                    du = uv[after, rail, 0] - uv[before, rail, 0]
+                    dv = uv[after, rail, 1] - uv[before, rail, 1]
+                    slant = max(slant, math.hypot(du, dv) / (abs(dv) + 0.1))
             expected = max(2.5 * scale, 0.11 * metre_px[i]) * min(slant, 12.0)
             if other[i, rail] > 0.45 or width_px[i, rail] > 2.0 * expected + 1.5 * scale:
                 doubtful[max(0, i - 2) : i + 3, rail] = True
@@ -253,7 +249,8 @@ def _smooth(
     smooth, residual = fit(sigma_m)
     sure: Bools = np.all(seen & ~doubtful, axis=1)
     common = 0.5 * (residual[:, 0] + residual[:, 1])
-    across_px = centres.metre_px * upright(centres.uv.mean(axis=1))  # pixels per metre across
+    middle = 0.5 * (centres.uv[:, 0] + centres.uv[:, 1])
+    across_px = centres.metre_px * upright(middle)  # pixels per metre across
     if not stands_out(common * across_px, sure, scale):
         return smooth, residual
     noise = _noise_px(residual * centres.metre_px[:, None], seen & ~doubtful, 0.3 * scale)
@@ -346,45 +343,62 @@ def _path(
     far = float(x_seen[-1])
     nodes = growth.nodes[growth.last - 1 :]
     beyond_to = max(1.6 * far, float(nodes[-1, growing.X]))
-    beyond = far * np.exp(np.linspace(0.02, math.log(beyond_to / far), 24))
-    x = np.concatenate([x_seen, beyond])
+    beyond = far * np.exp(0.02 + _BEYOND * (math.log(beyond_to / far) - 0.02))
+    x = np.concatenate([_BEFORE * x_seen[0], x_seen, beyond])
     y, slope, half = smooth.along(x)
-    approach = np.linspace(0.0, float(x[0]), 9)
-    before = float(np.hypot(np.diff(approach), np.diff(smooth.y(approach))).sum())
-    chainage, uv, metre, across = _laid(level.vector, x, y, slope, half, before)
-    cos_h, sin_h = math.cos(heading0), math.sin(heading0)
-    world = np.stack([cos_h * x + sin_h * y, -sin_h * x + cos_h * y + offset], axis=1)
-    seen = np.arange(len(x)) < len(x_seen)
-    heading = np.arctan(slope) - heading0
-    path = TrackPath(world, heading, half, chainage, uv[0], metre, across, seen)
+    first = len(_BEFORE)
+    world, chainage, uv, metre, across = _laid(
+        level.vector, x, y, slope, half, first, heading0, offset
+    )
+    seen = np.arange(len(chainage)) < len(x_seen)
+    heading = np.arctan(slope[first:]) - heading0
+    path = TrackPath(world, heading, half[first:], chainage, uv[0], metre, across, seen)
     return path, uv[1:]
 
 
 @numba.njit(cache=True)
 def _laid(
-    cam: Array, x: Array, y: Array, slope: Array, half: Array, before_m: float
-) -> tuple[Array, Array, Array, Array]:
-    """Chainage, pixels of centre and rails (3, M, 2), and both scales of a track on the ground."""
-    count = len(x)
-    chainage, uv = np.empty(count), np.empty((3, count, 2))
+    cam: Array,
+    x: Array,
+    y: Array,
+    slope: Array,
+    half: Array,
+    first: int,
+    heading0: float,
+    offset: float,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """A track on the ground as seen: all from sample ``first`` on, chainage from the one at 0.
+
+    Places in the world (M, 2), chainage, pixels of centre and rails (3, M, 2), and both scales.
+    """
+    count = len(x) - first
+    world, chainage, uv = np.empty((count, 2)), np.empty(count), np.empty((3, count, 2))
     metre, across = np.empty(count), np.empty(count)
+    cos_h, sin_h = math.cos(heading0), math.sin(heading0)
+    along = 0.0
+    for i in range(1, first):
+        along += math.hypot(x[i] - x[i - 1], y[i] - y[i - 1])
     for i in range(count):
-        step = math.hypot(x[i] - x[i - 1], y[i] - y[i - 1]) if i else before_m
-        chainage[i] = chainage[i - 1] + step if i else step
-        cos = 1.0 / math.sqrt(1.0 + slope[i] ** 2)
-        aside_x, aside_y = -slope[i] * cos * half[i], cos * half[i]
+        j = first + i
+        along += math.hypot(x[j] - x[j - 1], y[j] - y[j - 1])
+        chainage[i] = along
+        world[i, 0] = cos_h * x[j] + sin_h * y[j]
+        world[i, 1] = -sin_h * x[j] + cos_h * y[j] + offset
+        cos = 1.0 / math.sqrt(1.0 + slope[j] ** 2)
+        aside_x, aside_y = -slope[j] * cos * half[j], cos * half[j]
         for line, side in enumerate((0.0, 1.0, -1.0)):
-            place = pixel(cam, x[i] + side * aside_x, y[i] + side * aside_y)
+            place = pixel(cam, x[j] + side * aside_x, y[j] + side * aside_y)
             uv[line, i, 0], uv[line, i, 1] = place
     for i in range(count):
-        span_u = (uv[1, i, 0] - uv[2, i, 0]) / (2.0 * half[i])
-        span_v = (uv[1, i, 1] - uv[2, i, 1]) / (2.0 * half[i])
+        spread = 2.0 * half[first + i]
+        span_u = (uv[1, i, 0] - uv[2, i, 0]) / spread
+        span_v = (uv[1, i, 1] - uv[2, i, 1]) / spread
         metre[i] = math.hypot(span_u, span_v)
         before, after = max(i - 1, 0), min(i + 1, count - 1)
         run_u, run_v = uv[0, after, 0] - uv[0, before, 0], uv[0, after, 1] - uv[0, before, 1]
         run = math.hypot(run_u, run_v) + 1e-12
         across[i] = abs(span_u * run_v - span_v * run_u) / run
-    return chainage, uv, metre, across
+    return world, chainage, uv, metre, across
 
 
 def _polylines(camera: Camera, centres: Centres, places: Array, seen: Bools) -> tuple[Array, Array]:

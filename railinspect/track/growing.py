@@ -16,7 +16,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from railinspect.track.level import Level, bilinear, project, sample_line, x_at
+from railinspect.track.level import Level, inside, project, sample_line, x_at
 from railinspect.track.settings import FollowerSettings
 
 Array = npt.NDArray[np.float64]
@@ -66,7 +66,8 @@ def _sample(
     u1, v1 = project(cam, x + reach * nx, y + reach * ny)
     sample_line(score, u0, v0, u1 - u0, v1 - v0, 0, steps - 1, out[:steps])
     middle = (steps // 2) / (steps - 1)
-    return bilinear(score, u0 + middle * (u1 - u0), v0 + middle * (v1 - v0)) >= 0.0
+    rows, cols = score.shape
+    return inside(rows, cols, u0 + middle * (u1 - u0), v0 + middle * (v1 - v0))
 
 
 @numba.njit(cache=True)
@@ -371,7 +372,7 @@ def grow(
     support = 0.0
     if last:
         kept = grown[:last]
-        heights = -np.diff(kept[:, S], prepend=s_first_px)
+        heights = np.append(s_first_px, kept[:-1, S]) - kept[:, S]
         sight = np.maximum(kept[:, LEFT], 0) + np.maximum(kept[:, RIGHT], 0)
         support = float(heights @ sight / (2 * s_first_px))
     return Growth(grown, int(last), int(stop), support)

@@ -178,20 +178,26 @@ def x_at(cam: Array, s: float) -> float:
 
 
 @numba.njit(cache=True, inline="always")
-def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
-    """Grey value at (u, v), bilinear; −1 outside the image."""
-    rows, cols = image.shape
-    if not (0.0 <= u <= cols - 1.0 and 0.0 <= v <= rows - 1.0):
-        return -1.0
-    c, r = int(u), int(v)
-    return _between(image, u, v, c, r, min(c + 1, cols - 1), min(r + 1, rows - 1))
+def inside(rows: int, cols: int, u: float, v: float) -> bool:
+    """Whether (u, v) lies between the centres of an image's outermost pixels."""
+    return 0.0 <= u <= cols - 1.0 and 0.0 <= v <= rows - 1.0
 
 
 @numba.njit(cache=True, inline="always")
-def _between(
+def bilinear(image: npt.NDArray[np.uint8], u: float, v: float) -> float:
+    """Grey value at (u, v), bilinear; −1 outside the image."""
+    rows, cols = image.shape
+    if not inside(rows, cols, u, v):
+        return -1.0
+    c, r = int(u), int(v)
+    return blend(image, u, v, c, r, min(c + 1, cols - 1), min(r + 1, rows - 1))
+
+
+@numba.njit(cache=True, inline="always")
+def blend(
     image: npt.NDArray[np.uint8], u: float, v: float, c: int, r: int, c1: int, r1: int
 ) -> float:
-    """Grey value between columns c, c1 and rows r, r1, which must lie in the image."""
+    """Grey value at (u, v) between columns c, c1 and rows r, r1, which must lie in the image."""
     a, b = u - c, v - r
     top = image[r, c] * (1.0 - a) + image[r, c1] * a
     low = image[r1, c] * (1.0 - a) + image[r1, c1] * a
@@ -220,7 +226,7 @@ def sample_line(
             t = (first + i) / parts
             at_u, at_v = u + t * du, v + t * dv
             c, r = int(at_u), int(at_v)
-            out[i] = _between(image, at_u, at_v, c, r, c + 1, r + 1) / 255.0
+            out[i] = blend(image, at_u, at_v, c, r, c + 1, r + 1) / 255.0
     else:
         for i in range(len(out)):
             t = (first + i) / parts
