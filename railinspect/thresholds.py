@@ -95,6 +95,8 @@ class Thresholds:
         gap_contrast: Least rail probability just before and just after the hole.
         seen_again: Least probability of anything at a finding's place, by close-ups of it;
         seen_perhaps: a finding below that is doubtful from this on, and nothing below this.
+        seen_named: share of anything they show that makes a single picture's finding of one type
+            one of another.
         searches: Whether close-ups are taken all along the track, which a recording has no time
             for, and not only of findings. Then they also find
         seen_both: what the masks show by :meth:`weaker` thresholds, from this probability on,
@@ -166,6 +168,7 @@ class Thresholds:
     gap_contrast: float = 0.6
     seen_again: float = 0.4
     seen_perhaps: float = 0.2
+    seen_named: float = 0.8
     searches: bool = False
     seen_both: float = 0.8
     seen_alone: float = 0.9

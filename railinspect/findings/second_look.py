@@ -37,6 +37,12 @@ PLACE_REL: Final = 0.06
 _BOX_M: Final = {"distortion": (1.5, 0.3), "obstruction": (1.5, 1.0), "trespasser": (1.5, 1.8)}
 """Width and height of the box drawn where only close-ups say that something is, metres."""
 
+_CALLED: Final = {
+    "distortion": "a distortion",
+    "obstruction": "an obstruction",
+    "trespasser": "a trespasser",
+}
+
 _NEVER: Final = 1e-6
 _DISTORTION: Final = ANSWERS.index("distortion")
 
@@ -77,7 +83,7 @@ def searched(
     """
     held = _held(found, close_ups, track, limits)
     for finding in weak:
-        support = _support(finding, close_ups, track)
+        support = _support(_there(finding, close_ups, track))
         if finding.doubt is not None or support is None or support < limits.seen_both:
             continue
         if not any(boxes_touch(finding.box_xyxy, f.box_xyxy) for f in held if f.doubt is None):
@@ -85,7 +91,7 @@ def searched(
     alone = _alone(close_ups, track, limits)
     if alone is not None and all(finding.doubt for finding in held):
         held.append(alone)
-    return held
+    return _named(held, close_ups, track, limits)
 
 
 def _held(
@@ -93,7 +99,7 @@ def _held(
 ) -> list[Finding]:
     held = []
     for finding in found:
-        support = _support(finding, close_ups, track)
+        support = _support(_there(finding, close_ups, track))
         if support is None or support >= limits.seen_again:
             held.append(finding)
         elif support >= limits.seen_perhaps:
@@ -111,8 +117,8 @@ def stretch(finding: Finding, track: TrackGeometry) -> tuple[float, float]:
     return float(chainage.min()), float(chainage.max())
 
 
-def _support(finding: Finding, close_ups: CloseUps, track: TrackGeometry) -> float | None:
-    """The largest probability of anything at all where a finding lies; None if nobody looked.
+def _there(finding: Finding, close_ups: CloseUps, track: TrackGeometry) -> Array:
+    """What close-ups say where a finding lies, (N, 4); of no place if nobody looked.
 
     Nor did anybody look at what is about to leave the picture at its lower border.
     """
@@ -120,9 +126,41 @@ def _support(finding: Finding, close_ups: CloseUps, track: TrackGeometry) -> flo
     path = track.path
     assert path is not None
     if to_m < LEAVING * float(path.chainage_m[0]):
-        return None
+        return close_ups.chances[:0]
     there = (close_ups.chainage_m >= from_m / BESIDE) & (close_ups.chainage_m <= to_m * BESIDE)
-    return 1.0 - float(close_ups.chances[there, 0].min()) if there.any() else None
+    return close_ups.chances[there]
+
+
+def _support(chances: Array) -> float | None:
+    """The largest probability of anything at all among some places; None for no place."""
+    return 1.0 - float(chances[:, 0].min()) if len(chances) else None
+
+
+def _named(
+    held: Sequence[Finding], close_ups: CloseUps, track: TrackGeometry, limits: Thresholds
+) -> list[Finding]:
+    """The same findings, each called what close-ups surely show there.
+
+    Of a person the masks often take the legs or a coat for a thing, and of bent rails the ground
+    between them. What then touches a finding of its new name is a part of that.
+    """
+    named: list[Finding] = []
+    renamed: list[Finding] = []
+    for finding in held:
+        sums = _there(finding, close_ups, track)[:, 1:].sum(axis=0)
+        kind = cast(FindingType, ANSWERS[1 + int(sums.argmax())])
+        unsure = not sums.any() or sums.max() < limits.seen_named * sums.sum()
+        if unsure or kind == finding.type or finding.doubt:
+            named.append(finding)
+        else:
+            evidence = f"{finding.evidence}; close-ups show {_CALLED[kind]}"
+            renamed.append(replace(finding, type=kind, evidence=evidence))
+    for finding in renamed:
+        if not any(
+            finding.type == f.type and boxes_touch(finding.box_xyxy, f.box_xyxy) for f in named
+        ):
+            named.append(finding)
+    return named
 
 
 def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Finding | None:
@@ -164,6 +202,6 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
         box_xyxy=box,
         confidence=float(both[best]),
         foot_uv=np.array([u, v]),
-        evidence=f"close-ups show a {kind} at about {range_m:.0f} m, the masks do not",
+        evidence=f"close-ups show {_CALLED[kind]} at about {range_m:.0f} m, the masks do not",
         place_rel=PLACE_REL,
     )

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from railinspect.close_ups import ANSWERS, FARTHEST_M, CloseUps, places
+from railinspect.close_ups import ANSWERS, FARTHEST_M, CloseUps, LookAtTrack, places
 from railinspect.evaluation.answers import inspect_still
 from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
 from railinspect.findings import Finding, find
-from railinspect.labels import HUMAN
+from railinspect.labels import CONSTRUCTION, HUMAN
 from railinspect.ranging import FrameRanging, Range
 from railinspect.segmenter import Segmentation
 from railinspect.thresholds import Thresholds
@@ -49,7 +49,7 @@ class Sayer:
 
 
 def seen(
-    masks: Masks, sayer: Sayer | None, confidence: int = 230, limits: Thresholds = STILL
+    masks: Masks, sayer: LookAtTrack | None, confidence: int = 230, limits: Thresholds = STILL
 ) -> tuple[Finding, ...]:
     sure = np.full_like(masks.labels, confidence)
     segmentation = Segmentation(masks.labels, sure, masks.rail_score, close_ups=sayer)
@@ -66,10 +66,70 @@ def test_what_both_see_stays_as_the_masks_show_it() -> None:
     assert both.box_xyxy == alone.box_xyxy
 
 
-def test_another_type_is_support_too() -> None:
+def test_another_type_is_support_too_and_names_what_a_single_picture_shows() -> None:
     (both,) = seen(WITH_PERSON, saying("obstruction", 0.9, 22.0, 28.0))
-    assert both.type == "trespasser"
+    assert both.type == "obstruction"
     assert both.doubt is None
+    assert both.evidence.endswith("; close-ups show an obstruction")
+    (alone,) = seen(WITH_PERSON, None)
+    assert (both.box_xyxy, both.confidence) == (alone.box_xyxy, alone.confidence)
+    # A recording's events are named by many frames' masks.
+    (framed,) = seen(WITH_PERSON, saying("obstruction", 0.9, 22.0, 28.0), limits=Thresholds())
+    assert framed.type == "trespasser"
+
+
+def test_a_name_takes_more_than_a_small_majority() -> None:
+    class Divided(Sayer):
+        def __call__(self, *args: object, **kwargs: object) -> CloseUps:
+            told = super().__call__(*args, **kwargs)
+            told.chances[:, 3] = self.share / (1 - self.share) * told.chances[:, 2]
+            return CloseUps(told.chainage_m, told.chances)
+
+        share = 0.0
+
+    divided = Divided(ANSWERS.index("obstruction"), 0.5, 22.0, 28.0)
+    divided.share = 1.1 - STILL.seen_named
+    assert [f.type for f in seen(WITH_PERSON, divided)] == ["trespasser"]
+    divided.share = 0.9 - STILL.seen_named
+    assert [f.type for f in seen(WITH_PERSON, divided)] == ["obstruction"]
+
+
+def test_the_part_of_a_person_that_the_masks_take_for_a_thing_is_none_of_its_own() -> None:
+    part = Thing(CONSTRUCTION, 24.7, 0.25, 0.5, 0.9)
+    masks = draw(CAMERA, things=[PERSON, part])
+    assert {f.type for f in seen(masks, None)} == {"obstruction", "trespasser"}
+    (person,) = seen(masks, saying("trespasser", 0.99, 20.0, 30.0))
+    assert person.type == "trespasser"
+    assert "close-ups" not in person.evidence
+    apart = replace(part, lateral_m=-1.2)
+    both = seen(draw(CAMERA, things=[PERSON, apart]), saying("trespasser", 0.99, 20.0, 30.0))
+    assert [f.type for f in both] == ["trespasser", "trespasser"]
+
+
+def test_a_thing_behind_a_person_keeps_apart_from_it_whatever_it_is_called() -> None:
+    near, far = saying("trespasser", 0.99, 20.0, 30.0), saying("distortion", 0.99, 38.0, 60.0)
+
+    def both(track: TrackGeometry, *way: float) -> CloseUps:
+        one, two = near(track, *way), far(track, *way)
+        at_far = (one.chainage_m >= 34.0)[:, None]
+        return CloseUps(one.chainage_m, np.where(at_far, two.chances, one.chances))
+
+    masks = draw(CAMERA, things=[PERSON, Thing(CONSTRUCTION, 45.0, 0.5, 1.6, 1.5)])
+    assert [f.type for f in seen(masks, None)] == ["trespasser", "obstruction"]
+    assert [f.type for f in seen(masks, both)] == ["trespasser", "distortion"]
+
+
+def test_what_is_doubtful_keeps_its_name() -> None:
+    between = 0.5 * (STILL.seen_perhaps + STILL.seen_again)
+    (finding,) = seen(WITH_PERSON, saying("obstruction", between, 22.0, 28.0))
+    assert finding.doubt is not None
+    assert finding.type == "trespasser"
+
+
+def test_what_nobody_looked_at_keeps_its_name() -> None:
+    leaving = draw(CAMERA, things=[Thing(HUMAN, 4.5, 0.0, 0.6, 1.75)])
+    for answer in ("clear", "obstruction", "distortion"):
+        assert [f.type for f in seen(leaving, saying(answer, 0.99, 0.0, 8.0))] == ["trespasser"]
 
 
 def test_what_close_ups_clearly_do_not_show_is_dropped() -> None:
@@ -135,8 +195,9 @@ def test_one_place_alone_is_not_enough() -> None:
 
 
 def test_no_second_finding_is_made_of_what_the_masks_show_already() -> None:
-    found = seen(WITH_PERSON, saying("obstruction", 0.99, 15.0, 35.0))
+    found = seen(WITH_PERSON, saying("trespasser", 0.99, 15.0, 35.0))
     assert [f.type for f in found] == ["trespasser"]
+    assert "masks do not" not in found[0].evidence
 
 
 @given(range_m=st.floats(9.0, 60.0), chance=st.floats(0.0, 1.0))
