@@ -148,17 +148,15 @@ def _measure(
             t = 0.25 + 0.25 * k
             ground = bilinear(score, ul + t * (ur - ul), vl + t * (vr - vl))
             between[i] += max(0.0, ground) / (3.0 * 255.0)
-        # Another rail: anything rail-like up to aside_m beside one of our rails, but not at it.
+        du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
         if spacing > 40.0 * step:
             um, vm = 0.5 * (ul + ur), 0.5 * (vl + vr)
-            du, dv = (ul - ur) / spacing, (vl - vr) / spacing
             keep_off = max(0.45 * metre, 8.0 * step)
             aside[i] = _beside(
                 score, um, vm, du, dv, spacing, keep_off, aside_m * metre, 3.0 * step
             )
         for rail in range(2):
             u, v = (ul, vl) if rail == 0 else (ur, vr)
-            du, dv = (ul - ur) / spacing, (vl - vr) / spacing  # towards the left
             reach = min(max(least_px, reach_m * metre), 0.4 * spacing)
             count = min(_PROFILE // 2, math.ceil(reach / step))
             uv[i, rail, 0], uv[i, rail, 1] = u, v
