@@ -29,6 +29,7 @@ from railinspect.evaluation import inspect_still, read_samples
 from railinspect.evaluation.run import masks_of
 from railinspect.evaluation.scores import right
 from railinspect.findings import find
+from railinspect.findings.second_look import WATCH_EVERY
 from railinspect.ranging import FrameRanging, Range
 from railinspect.scenes import Ride, SceneSettings, demo_settings
 from railinspect.segmenter import Segmenter
@@ -44,10 +45,15 @@ def _costs() -> list[Measure]:
     track = TrackFollower(ride.camera).update(Segmenter.default(1)(picture.rgb))
     whole = median_seconds(lambda: network(picture.rgb, track), 30, 3)
     one = median_seconds(lambda: network(picture.rgb, track, 20 / 1.2, 20 * 1.2), 60, 3)
+    limits = Thresholds()
+    watch = limits.watch_from_m, limits.watch_to_m, WATCH_EVERY
+    watched = median_seconds(lambda: network(picture.rgb, track, *watch), 60, 3)
     return [
         Measure("all along the track of a 640x360 picture", 1e3 * whole, "ms"),
         Measure("windows of it", len(places(track)), ""),
         Measure("one finding at 20 m", 1e3 * one, "ms"),
+        Measure("places watched in every frame of a recording", 1e3 * watched, "ms"),
+        Measure("windows of them", len(places(track, *watch)), ""),
     ]
 
 

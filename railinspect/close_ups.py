@@ -113,13 +113,16 @@ def close_up(
     return cast(Image, cv2.resize(part, (wide, high), interpolation=way))
 
 
-def places(track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M) -> Array:
+def places(
+    track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M, every: int = 1
+) -> Array:
     """Where along a followed track close-ups are taken, metres, rising, shape (N,).
 
     Args:
         track: The track; empty without a path.
         from_m: Nearest range wanted, metres.
         to_m: Farthest, metres.
+        every: Only each so-many-th place, at least 1.
     """
     path = track.path
     if path is None or len(path.uv) < 2:
@@ -129,7 +132,7 @@ def places(track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M) 
     if last <= first or first <= 0.0:
         return np.zeros(0)
     count = int(np.log(last / first) / np.log(STEP)) + 1
-    at = first * STEP ** np.arange(count)
+    at = first * STEP ** np.arange(0, count, every)
     metre = np.interp(at, path.chainage_m, path.metre_px)
     most = MOST_METRE_SHARE * track.camera.size_wh[0]
     chosen = (metre >= LEAST_METRE_PX) & (metre <= most) & (at >= from_m) & (at <= to_m)
@@ -137,7 +140,7 @@ def places(track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M) 
 
 
 LookAtTrack = Callable[..., CloseUps]
-"""A :class:`CloseUpNetwork` bound to its picture; takes the track, and from … to in metres."""
+"""A :class:`CloseUpNetwork` bound to its picture; takes the track and what :func:`places` does."""
 
 
 class CloseUpNetwork:
@@ -201,7 +204,12 @@ class CloseUpNetwork:
         return np.concatenate(parts).astype(float) if parts else np.zeros((0, len(ANSWERS)))
 
     def __call__(
-        self, rgb: Image, track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M
+        self,
+        rgb: Image,
+        track: TrackGeometry,
+        from_m: float = 0.0,
+        to_m: float = FARTHEST_M,
+        every: int = 1,
     ) -> CloseUps:
         """Look at the track of a picture, all along or from … to.
 
@@ -210,10 +218,11 @@ class CloseUpNetwork:
             track: The track followed in it.
             from_m: Nearest range wanted, metres.
             to_m: Farthest, metres.
+            every: Only at each so-many-th place, at least 1.
         """
         path = track.path
         at, windows = [], []
-        for chainage in places(track, from_m, to_m):
+        for chainage in places(track, from_m, to_m, every):
             assert path is not None
             u, v = (float(np.interp(chainage, path.chainage_m, path.uv[:, i])) for i in range(2))
             metre = float(np.interp(chainage, path.chainage_m, path.metre_px))

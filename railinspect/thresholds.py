@@ -97,8 +97,11 @@ class Thresholds:
         seen_perhaps: a finding below that is doubtful from this on, and nothing below this.
         seen_named: share of anything they show that makes a single picture's finding of one type
             one of another.
-        searches: Whether close-ups are taken all along the track, which a recording has no time
-            for, and not only of findings. Then they also find
+        watch_from_m: Nearest and
+        watch_to_m: farthest range of the few places close-ups are taken of in every frame of a
+            recording, metres.
+        searches: Whether close-ups are taken all along the track instead, which a recording has no
+            time for. Then they also find
         seen_both: what the masks show by :meth:`weaker` thresholds, from this probability on,
         seen_alone: and what they do not show at all, at two places side by side;
         seen_bent: the same of distortions, which the masks may hide by following them, where a
@@ -169,10 +172,12 @@ class Thresholds:
     seen_again: float = 0.4
     seen_perhaps: float = 0.2
     seen_named: float = 0.8
+    watch_from_m: float = 18.0
+    watch_to_m: float = 60.0
     searches: bool = False
     seen_both: float = 0.8
     seen_alone: float = 0.9
-    seen_bent: float = 0.4
+    seen_bent: float = 0.9
     bent_metre_px: float = 12.0
 
     def weaker(self) -> Thresholds:
@@ -192,11 +197,13 @@ class Thresholds:
 
         People are taken for such at less: the network sees few where there are none. A rail that
         bends alone has to bend more: a drop of water on the lens does that to one, and no frame
-        after it shows that it stays on the lens. And close-ups are taken all along the track.
+        after it shows that it stays on the lens. And close-ups are taken all along the track, and
+        believed earlier of what is bent.
         """
         return replace(
             self,
             searches=True,
+            seen_bent=min(self.seen_bent, 0.4),
             least_confidence=min(self.least_confidence, self.least_doubt),
             person_confidence=min(self.person_confidence, 0.43),
             bend_one_rail=max(self.bend_one_rail, 3.0),

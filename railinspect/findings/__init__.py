@@ -14,7 +14,7 @@ from railinspect.findings.finding import Finding, FindingType
 from railinspect.findings.interruptions import find_interruptions
 from railinspect.findings.looks import blur
 from railinspect.findings.place import place_on_track
-from railinspect.findings.second_look import reviewed, searched
+from railinspect.findings.second_look import reviewed, searched, watched
 from railinspect.findings.things import find_things
 from railinspect.thresholds import Thresholds
 from railinspect.track.geometry import SegmentationLike, TrackGeometry
@@ -45,8 +45,9 @@ def find(
     if look is not None and thresholds.searches:
         weak = _by_masks(segmentation, track, thresholds.weaker())
         found = searched(found, weak, look(track), track, thresholds)
-    elif look is not None and found:
-        found = reviewed(found, look, track, thresholds)
+    elif look is not None:
+        held = reviewed(found, look, track, thresholds) if found else found
+        found = watched(held, look, track, thresholds)
     return tuple(sorted(found, key=lambda f: -f.foot_uv[1]))
 
 

@@ -28,10 +28,16 @@ Array = npt.NDArray[np.float64]
 BESIDE: Final = 1.2
 """A close-up speaks of what is up to this ratio of its range nearer or farther."""
 
+WATCH_EVERY: Final = 5
+"""Each so-many-th place of the close-ups is watched in a recording: 1.54 times farther each."""
+
+AROUND: Final = 1.35
+"""What a watched place shows lies up to this ratio of its range nearer or farther."""
+
 LEAVING: Final = 1.15
 """Ratio to the range of the picture's lower border below which a window shows too little ground."""
 
-PLACE_REL: Final = 0.06
+PLACE_REL: Final = {"distortion": 0.11, "obstruction": 0.06, "trespasser": 0.06}
 """Standard deviation of the range of what close-ups alone show, as a share of it."""
 
 _BOX_M: Final = {"distortion": (1.5, 0.3), "obstruction": (1.5, 1.0), "trespasser": (1.5, 1.8)}
@@ -63,6 +69,35 @@ def reviewed(
     stretches = [stretch(finding, track) for finding in found]
     from_m, to_m = min(s[0] for s in stretches), max(s[1] for s in stretches)
     return _held(found, look(track, from_m / BESIDE, to_m * BESIDE), track, limits)
+
+
+def watched(
+    found: Sequence[Finding], look: LookAtTrack, track: TrackGeometry, limits: Thresholds
+) -> list[Finding]:
+    """Findings of the masks, and what close-ups of a few places show besides.
+
+    A recording has no time for close-ups all along the track, but what stands on it passes every
+    place as the train nears: a few are looked at in each frame, and all around only where one of
+    them shows what the masks do not.
+
+    Args:
+        found: What the masks show.
+        look: Takes the close-ups.
+        track: The track, with a path.
+        limits: Thresholds.
+    """
+    seen = look(track, limits.watch_from_m, limits.watch_to_m, WATCH_EVERY)
+    something = 1.0 - seen.chances[:, 0]
+    for finding in found:
+        if finding.doubt is None:
+            from_m, to_m = stretch(finding, track)
+            known = (seen.chainage_m >= from_m / AROUND) & (seen.chainage_m <= to_m * AROUND)
+            something[known] = 0.0
+    if not np.any(something >= limits.seen_again):
+        return list(found)
+    at = float(seen.chainage_m[something.argmax()])
+    alone = _alone(look(track, at / AROUND, at * AROUND), track, limits)
+    return [*found, alone] if alone is not None else list(found)
 
 
 def searched(
@@ -183,6 +218,11 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
     kind = cast(FindingType, ANSWERS[kinds[best]])
     at = close_ups.chainage_m[pair]
     range_m = float(np.exp(np.average(np.log(at), weights=something[pair])))
+    if kind == "distortion":  # a stretch, of which the beginning counts
+        first = best
+        while first > 0 and something[first - 1] >= limits.seen_alone:
+            first -= 1
+        range_m = float(close_ups.chainage_m[first])
     u, v, metre = (
         float(np.interp(range_m, path.chainage_m, values))
         for values in (path.uv[:, 0], path.uv[:, 1], path.metre_px)
@@ -203,5 +243,5 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
         confidence=float(both[best]),
         foot_uv=np.array([u, v]),
         evidence=f"close-ups show {_CALLED[kind]} at about {range_m:.0f} m, the masks do not",
-        place_rel=PLACE_REL,
+        place_rel=PLACE_REL[kind],
     )

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from railinspect.close_ups import ANSWERS, FARTHEST_M, CloseUps, LookAtTrack, places
+from railinspect.close_ups import ANSWERS, FARTHEST_M, STEP, CloseUps, LookAtTrack, places
 from railinspect.evaluation.answers import inspect_still
 from railinspect.evaluation.drawn_tracks import Masks, Thing, camera, draw
-from railinspect.findings import Finding, find
+from railinspect.findings import Finding, find, place_on_track
+from railinspect.findings.second_look import WATCH_EVERY
 from railinspect.labels import CONSTRUCTION, HUMAN
 from railinspect.ranging import FrameRanging, Range
 from railinspect.segmenter import Segmentation
@@ -21,7 +23,7 @@ from railinspect.track import TrackFollower
 from railinspect.track.geometry import TrackGeometry
 
 CAMERA = camera()
-STILL = Thresholds().still()
+STILL, RECORDING = Thresholds().still(), Thresholds()
 PERSON = Thing(HUMAN, 25.0, 0.0, 0.6, 1.75)
 CLEAR_TRACK = draw(CAMERA)
 WITH_PERSON = draw(CAMERA, things=[PERSON])
@@ -38,9 +40,13 @@ class Sayer:
         self.answer, self.chance, self.from_m, self.to_m = answer, chance, from_m, to_m
 
     def __call__(
-        self, track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M
+        self,
+        track: TrackGeometry,
+        from_m: float = 0.0,
+        to_m: float = FARTHEST_M,
+        every: int = 1,
     ) -> CloseUps:
-        at = places(track, from_m, to_m)
+        at = places(track, from_m, to_m, every)
         chances = np.zeros((len(at), len(ANSWERS)))
         there = (at >= self.from_m) & (at <= self.to_m)
         chances[:, self.answer] = np.where(there, self.chance, 0.0)
@@ -218,23 +224,66 @@ def test_weaker_thresholds_are_weaker() -> None:
     assert replace(weaker, bend_px=limits.bend_px).bend_m == limits.bend_m
 
 
-def test_a_recording_looks_where_the_masks_show_something_and_nowhere_else() -> None:
-    looked: list[tuple[float, float]] = []
-    sayer = saying("trespasser", 0.9, 22.0, 28.0)
+class Counting(Sayer):
+    """Close-ups that note how many were taken each time."""
 
-    def counting(track: TrackGeometry, from_m: float = 0.0, to_m: float = FARTHEST_M) -> CloseUps:
-        looked.append((from_m, to_m))
-        return sayer(track, from_m, to_m)
+    def __call__(self, *what: Any) -> CloseUps:
+        told = super().__call__(*what)
+        self.counts.append(len(told.chainage_m))
+        return told
 
-    limits = Thresholds()
-    assert seen(CLEAR_TRACK, counting, limits=limits) == ()
-    assert looked == []
-    (found,) = seen(WITH_PERSON, counting, limits=limits)
-    assert found.type == "trespasser"
-    ((from_m, to_m),) = looked
-    assert 18.0 < from_m < 25.0 < to_m < 32.0
-    assert seen(WITH_PERSON, saying("trespasser", 0.01, 22.0, 28.0), limits=limits) == ()
-    assert seen(CLEAR_TRACK, saying("trespasser", 0.99, 15.0, 40.0), limits=limits) == ()
+
+def counting(answer: str, chance: float, from_m: float, to_m: float) -> Counting:
+    sayer = Counting(ANSWERS.index(answer), chance, from_m, to_m)
+    sayer.counts = []
+    return sayer
+
+
+def test_a_recording_watches_few_places_and_looks_around_what_they_show() -> None:
+    clear = counting("trespasser", 0.0, 0.0, 0.0)
+    assert seen(CLEAR_TRACK, clear, limits=RECORDING) == ()
+    (watched,) = clear.counts
+    assert 2 <= watched <= 3
+    for person_m in (20.0, 27.0, 35.0, 44.0, 52.0):
+        # what stands somewhere is seen at most places less than a fifth nearer or farther
+        shown = counting("trespasser", 0.99, person_m / 1.25, person_m * 1.25)
+        (found,) = seen(CLEAR_TRACK, shown, limits=RECORDING)
+        assert (found.type, found.doubt) == ("trespasser", None)
+        track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+        at = place_on_track(track, found.foot_uv[None])[0][0]
+        assert at == pytest.approx(person_m, rel=0.25)
+        assert len(shown.counts) == 2
+        assert shown.counts[1] <= 7
+
+
+def test_what_a_recording_s_masks_show_is_looked_at_and_not_found_again() -> None:
+    shown = counting("trespasser", 0.95, 20.0, 32.0)
+    (found,) = seen(WITH_PERSON, shown, limits=RECORDING)
+    assert "masks do not" not in found.evidence
+    assert len(shown.counts) == 2  # at the finding, and the watched places
+    assert seen(WITH_PERSON, saying("trespasser", 0.01, 22.0, 28.0), limits=RECORDING) == ()
+    # what is doubtful is not known yet
+    uncertain = seen(WITH_PERSON, saying("trespasser", 0.95, 16.0, 34.0), 150, RECORDING)
+    assert sorted(f.doubt is None for f in uncertain) == [False, True]
+
+
+def test_what_a_recording_s_close_ups_show_has_to_be_sure_and_at_two_places() -> None:
+    unsure = 0.9 * RECORDING.seen_alone
+    for answer in ("distortion", "obstruction", "trespasser"):
+        assert seen(CLEAR_TRACK, saying(answer, unsure, 15.0, 60.0), limits=RECORDING) == ()
+        assert len(seen(CLEAR_TRACK, saying(answer, 0.95, 15.0, 60.0), limits=RECORDING)) == 1
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    (middle, *_) = places(track, 25.0, 60.0, WATCH_EVERY)
+    one = saying("obstruction", 0.99, middle / 1.02, middle * 1.02)
+    assert seen(CLEAR_TRACK, one, limits=RECORDING) == ()
+
+
+def test_of_a_distortion_the_beginning_counts() -> None:
+    (found,) = seen(CLEAR_TRACK, saying("distortion", 0.99, 24.0, 45.0))
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    at = place_on_track(track, found.foot_uv[None])[0][0]
+    assert 23.5 < at < 24.0 * STEP + 0.5
+    assert found.place_rel > 0.1
 
 
 def test_what_is_about_to_leave_the_picture_is_not_held_against_its_border() -> None:
