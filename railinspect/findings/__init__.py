@@ -46,8 +46,8 @@ def find(
         weak = _by_masks(segmentation, track, thresholds.weaker())
         found = searched(found, weak, look(track), track, thresholds)
     elif look is not None:
-        held = reviewed(found, look, track, thresholds) if found else found
-        found = watched(held, look, track, thresholds)
+        found = reviewed(found, look, track, thresholds) if found else found
+        found = watched(found, look, track, thresholds) if track.followed else found
     return tuple(sorted(found, key=lambda f: -f.foot_uv[1]))
 
 

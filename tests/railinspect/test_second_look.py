@@ -278,8 +278,24 @@ def test_what_a_recording_s_close_ups_show_has_to_be_sure_and_at_two_places() ->
     assert seen(CLEAR_TRACK, one, limits=RECORDING) == ()
 
 
+def test_a_track_that_is_not_followed_is_not_watched() -> None:
+    shown = saying("obstruction", 0.99, 15.0, 60.0)
+    sure = np.full_like(CLEAR_TRACK.labels, 230)
+    masks = Segmentation(CLEAR_TRACK.labels, sure, CLEAR_TRACK.rail_score, close_ups=shown)
+    track = TrackFollower(CAMERA).update(masks)
+    assert len(find(masks, track)) == 1
+    assert find(masks, replace(track, followed=False)) == ()
+
+
 def test_of_a_distortion_the_beginning_counts() -> None:
-    (found,) = seen(CLEAR_TRACK, saying("distortion", 0.99, 24.0, 45.0))
+    weak, strong = saying("distortion", 0.95, 24.0, 45.0), saying("distortion", 0.999, 36.0, 42.0)
+
+    def rising(*what: Any) -> CloseUps:
+        one, two = weak(*what), strong(*what)
+        surer = two.chances[:, :1] < 0.5
+        return CloseUps(one.chainage_m, np.where(surer, two.chances, one.chances))
+
+    (found,) = seen(CLEAR_TRACK, rising)
     track = TrackFollower(CAMERA).update(CLEAR_TRACK)
     at = place_on_track(track, found.foot_uv[None])[0][0]
     assert 23.5 < at < 24.0 * STEP + 0.5
