@@ -176,8 +176,8 @@ class Thresholds:
     watch_to_m: float = 60.0
     searches: bool = False
     seen_both: float = 0.8
-    seen_alone: float = 0.9
-    seen_bent: float = 0.9
+    seen_alone: float = 0.98
+    seen_bent: float = 0.98
     bent_metre_px: float = 12.0
 
     def weaker(self) -> Thresholds:
@@ -198,11 +198,12 @@ class Thresholds:
         People are taken for such at less: the network sees few where there are none. A rail that
         bends alone has to bend more: a drop of water on the lens does that to one, and no frame
         after it shows that it stays on the lens. And close-ups are taken all along the track, and
-        believed earlier of what is bent.
+        believed from less on, of what is bent above all.
         """
         return replace(
             self,
             searches=True,
+            seen_alone=min(self.seen_alone, 0.9),
             seen_bent=min(self.seen_bent, 0.4),
             least_confidence=min(self.least_confidence, self.least_doubt),
             person_confidence=min(self.person_confidence, 0.43),
