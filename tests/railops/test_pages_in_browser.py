@@ -34,7 +34,7 @@ def test_the_animated_section_says_where_a_code_was_met(tmp_path):
     page = tmp_path / "run.html"
     pair = Succession(find_section("zhengzhou"))
     page.write_text(animation(pair, 100.0, 110.0, 20.0, 90.0), encoding="utf-8")
-    document = browse(page, "--virtual-time-budget=1000", "--dump-dom", at="150")
+    document = browse(page, "--dump-dom", at="150")
     said = re.search(r'<p id="now" class="bad">(.*?)</p>', document, re.S)
     assert said is not None
     assert re.fullmatch(
