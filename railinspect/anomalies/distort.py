@@ -130,6 +130,17 @@ class _Rows:
     right_px: Array
     metre_px: Array
 
+    def across_px(self, shift_px: Array) -> float:
+        """The largest of some shifts along the rows, measured at right angles to the track.
+
+        Where the track runs along the rows a shift moves the rails along themselves, and nobody
+        sees it.
+        """
+        if len(self.v) < 2:
+            return 0.0
+        slope = np.gradient(0.5 * (self.left_px + self.right_px))
+        return float(np.abs(shift_px / np.hypot(1.0, slope)).max())
+
 
 def _rows(track: EgoTrack, near_m: float, far_m: float, height: int) -> _Rows:
     """The rows in which the stretch lies."""
@@ -141,6 +152,23 @@ def _rows(track: EgoTrack, near_m: float, far_m: float, height: int) -> _Rows:
         for values in (track.along_m, track.left_px, track.right_px, track.metre_px)
     )
     return _Rows(v, along, left, right, scale)
+
+
+def seen_px(track: EgoTrack, distortion: Distortion, height: int) -> float:
+    """Largest displacement of a ripple or buckle in the picture, pixels across the track.
+
+    Args:
+        track: The track.
+        distortion: What would be done to it.
+        height: Rows of the picture.
+    """
+    rows = _rows(track, distortion.near_m, distortion.far_m, height)
+    return rows.across_px(_shift(distortion, rows))
+
+
+def _shift(distortion: Distortion, rows: _Rows) -> Array:
+    """How far the track moves to the right in each row, pixels."""
+    return -displacement_m(distortion, rows.v.astype(float), rows.along_m) * rows.metre_px
 
 
 def distort(
@@ -161,10 +189,10 @@ def distort(
     height, width = labels.shape
     rows = _rows(track, distortion.near_m, distortion.far_m, height)
     if distortion.kind in ("ripple", "buckle"):
-        shift = -displacement_m(distortion, rows.v.astype(float), rows.along_m) * rows.metre_px
+        shift = _shift(distortion, rows)
         _move(rgb, labels, rows, shift)
         outline = _outline(rows, np.minimum(shift, 0), np.maximum(shift, 0), width, height)
-        peak = float(np.abs(shift).max(initial=0.0))
+        peak = rows.across_px(shift)
         moved = Moved(rows.v.astype(float), shift, rows.left_px, rows.right_px, rows.metre_px)
     else:
         moved = None
@@ -175,7 +203,7 @@ def distort(
             part = np.clip((rows.along_m - distortion.near_m) / distortion.length_m, 0, 1)
             ends = -distortion.amplitude_m * np.where(part > 0.33, 1.5 * (1 - part), 0.0)
             ends = ends * rows.metre_px
-            peak = float(np.abs(ends).max(initial=0.0))
+            peak = rows.across_px(ends)
             hole = part <= 0.33
         else:
             hole = np.ones(len(rows.v), bool)

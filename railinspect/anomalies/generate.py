@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, cast
 
 import cv2
@@ -19,6 +19,7 @@ from railinspect.anomalies.distort import (
     DistortionKind,
     Moved,
     distort,
+    seen_px,
 )
 from railinspect.anomalies.ego import EgoTrack, NoTrackError, check_mask, track_of_mask
 from railinspect.anomalies.library import draw_cutout
@@ -32,6 +33,7 @@ MadeType = Literal["distortion", "obstruction", "trespasser"]
 MADE_TYPES: Final[tuple[MadeType, ...]] = ("distortion", "obstruction", "trespasser")
 
 _TRIES: Final = 40
+_MOST_ENLARGED_M: Final = 0.45
 _OPAQUE: Final = 0.5
 _IS_GROUND = np.zeros(256, np.uint8)
 _IS_GROUND[list(GROUND)] = 1
@@ -50,7 +52,9 @@ class GeneratorSettings:
         person_reach_m: People stand up to this far from the centre line: the extended R′, metres.
         distortions: Kinds of distortion to draw from.
         amplitude_m: Range of a distortion's largest lateral displacement, metres.
-        least_amplitude_px: A displacement is made at least this large in the picture, pixels.
+        least_amplitude_px: A displacement of a ripple or buckle is at least this large in the
+            picture, at right angles to the track, pixels. If need be it is made larger, up to
+            0.45 m, or the track is bent elsewhere.
         shadow: Darkness of the contact shadow, 0…1.
         cutouts: Things to blend in; empty takes the built-in ones.
     """
@@ -194,9 +198,7 @@ def _distorted(
         }[kind]
         length = min(length, 0.8 * (far - near))
         start = float(rng.uniform(near, far - length))
-        scale = float(np.interp(start + 0.6 * length, track.along_m, track.metre_px))
-        size = max(float(rng.uniform(low, high)), settings.least_amplitude_px / scale)
-        size = min(size, 0.45) * float(rng.choice([-1.0, 1.0]))
+        size = float(rng.uniform(low, high)) * float(rng.choice([-1.0, 1.0]))
         if kind == "break":
             size = math.copysign(min(abs(size), 0.09), size)
         elif kind == "gap":
@@ -206,10 +208,19 @@ def _distorted(
             left = bool(rng.random() < 0.5)
             rails = (left, not left)
         plan = Distortion(kind, start, length, size, float(rng.uniform(1.5, 3.0)), rails)
-        if _is_free(labels, track, start, start + length, 0.0, 1.2):
+        if not _is_free(labels, track, start, start + length, 0.0, 1.2):
+            continue
+        if kind in ("break", "gap"):
+            break
+        gain = settings.least_amplitude_px / max(seen_px(track, plan, labels.shape[0]), 1e-9)
+        if gain <= 1.0:
+            break
+        if abs(size) * gain <= _MOST_ENLARGED_M:
+            plan = replace(plan, amplitude_m=size * gain)
             break
     else:
-        raise NoTrackError("nowhere on the track are its rails in full view; use another picture")
+        raise NoTrackError("nowhere on the track are its rails in full view, or no bend of them would show; "
+            "use another picture")
     polygon, notes, moved = distort(rgb, labels, track, plan)
     missing = {"break": length / 3, "gap": length}.get(kind)
     return Generated(
@@ -221,7 +232,7 @@ def _distorted(
         _box(polygon),
         start if track.calibrated else None,
         0.0,
-        abs(size) if missing is None else missing,
+        abs(plan.amplitude_m) if missing is None else missing,
         None,
         notes,
         moved,
