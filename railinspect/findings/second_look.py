@@ -40,6 +40,10 @@ LEAVING: Final = 1.15
 PLACE_REL: Final = {"distortion": 0.11, "obstruction": 0.06, "trespasser": 0.06}
 """Standard deviation of the range of what close-ups alone show, as a share of it."""
 
+BEFORE: Final = 0.956
+"""A thing stands before the places that show it most surely, at this ratio of their range: it hides
+what lies behind it, and is seen in the windows of that too."""
+
 _BOX_M: Final = {"distortion": (1.5, 0.3), "obstruction": (1.5, 1.0), "trespasser": (1.5, 1.8)}
 """Width and height of the box drawn where only close-ups say that something is, metres."""
 
@@ -217,7 +221,7 @@ def _alone(close_ups: CloseUps, track: TrackGeometry, limits: Thresholds) -> Fin
     pair = slice(best, best + 2)
     kind = cast(FindingType, ANSWERS[kinds[best]])
     at = close_ups.chainage_m[pair]
-    range_m = float(np.exp(np.average(np.log(at), weights=something[pair])))
+    range_m = BEFORE * float(np.exp(np.average(np.log(at), weights=something[pair])))
     if kind == "distortion":  # a stretch, of which the beginning counts
         first = best
         while first > 0 and something[first - 1] >= limits.seen_alone:

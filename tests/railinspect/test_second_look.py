@@ -302,6 +302,14 @@ def test_of_a_distortion_the_beginning_counts() -> None:
     assert found.place_rel > 0.1
 
 
+def test_a_thing_stands_before_the_places_that_show_it() -> None:
+    track = TrackFollower(CAMERA).update(CLEAR_TRACK)
+    two = places(track)[10:12]
+    (found,) = seen(CLEAR_TRACK, saying("obstruction", 0.99, two[0] - 0.01, two[1] + 0.01))
+    at = place_on_track(track, found.foot_uv[None])[0][0]
+    assert at == pytest.approx(0.956 * np.sqrt(two[0] * two[1]), rel=0.005)
+
+
 def test_what_is_about_to_leave_the_picture_is_not_held_against_its_border() -> None:
     track = TrackFollower(CAMERA).update(CLEAR_TRACK)
     assert track.path is not None
