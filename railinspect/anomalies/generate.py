@@ -219,8 +219,10 @@ def _distorted(
             plan = replace(plan, amplitude_m=size * gain)
             break
     else:
-        raise NoTrackError("nowhere on the track are its rails in full view, or no bend of them would show; "
-            "use another picture")
+        raise NoTrackError(
+            "nowhere on the track are its rails in full view and a bend of them would show; use "
+            "another picture"
+        )
     polygon, notes, moved = distort(rgb, labels, track, plan)
     missing = {"break": length / 3, "gap": length}.get(kind)
     return Generated(

@@ -254,6 +254,29 @@ def pairs_of(lines: list[Line], bottom_px: float, prior: Prior, limit: int = 3) 
     return sorted(pairs, key=lambda p: -p.score)[:limit]
 
 
+def lone_pairs(lines: list[Line], bottom_px: float, prior: Prior, limit: int = 3) -> list[Pair]:
+    """Pairs of which one line alone is seen, best first.
+
+    Where a wiper or a thing hides one rail all the way, the other one and the camera say where it
+    runs: it meets the seen one at the expected horizon, the expected growth aside.
+
+    Args:
+        lines: Lines of :func:`find_lines`.
+        bottom_px: Row Y their ``bottom_px`` refers to.
+        prior: What is known beforehand.
+        limit: How many pairs to return at most.
+    """
+    below = bottom_px - prior.horizon_px
+    pairs: list[Pair | None] = []
+    for line in lines:
+        left, right = (
+            Line(line.bottom_px + side * below, line.slope + side, 0.0)
+            for side in (-prior.growth, prior.growth)
+        )
+        pairs += [pair_of(left, line, bottom_px, prior), pair_of(line, right, bottom_px, prior)]
+    return sorted((pair for pair in pairs if pair is not None), key=lambda p: -p.score)[:limit]
+
+
 def pair_of(left: Line, right: Line, bottom_px: float, prior: Prior) -> Pair | None:
     """Weigh two lines as the ego rails; None where they cannot be a track at all."""
     closing = right.slope - left.slope

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from railinspect.camera import Camera
-from railinspect.track.begin import Line, Pair, Prior, find_lines, pair_of, pairs_of
+from railinspect.track.begin import Line, Pair, Prior, find_lines, lone_pairs, pair_of, pairs_of
 from railinspect.track.geometry import Image
 from railinspect.track.growing import LOST, ONE_RAIL, Growth, grow
 from railinspect.track.horizon import Horizon
@@ -156,10 +156,19 @@ def search(
                 replace(old.left, votes=0.1), replace(old.right, votes=0.1), bottom, prior
             )
             pairs = [] if kept is None else [kept]
-    found = [
-        _grown(score, camera, calibrated, horizon, pair, state, bottom, settings) for pair in pairs
-    ]
-    return [c for c in found if c is not None], lines
+
+    def grown(pairs: list[Pair], settings: FollowerSettings) -> list[Candidate]:
+        every = (
+            _grown(score, camera, calibrated, horizon, pair, state, bottom, settings)
+            for pair in pairs
+        )
+        return [candidate for candidate in every if candidate is not None]
+
+    candidates = grown(pairs, settings)
+    if not candidates and calibrated and state.pair is None:
+        sure = [line for line in lines if line.votes >= settings.lone_votes]
+        candidates = grown(lone_pairs(sure, bottom, prior), settings.for_lone_rails())
+    return candidates, lines
 
 
 def _grown(

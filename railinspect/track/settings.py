@@ -39,6 +39,9 @@ class FollowerSettings:
         gap_m: Longest stretch without any rail the growing crosses.
         gap_share: Longest such stretch as a share of the range at which it begins.
         near_gap: Share of the lowest rows that may be hidden (bonnet, wiper, text).
+        lone_votes: A line that says by itself, for a known camera, where the track begins is seen
+            in this share of the rows near the camera;
+        lone_gap_share: the other rail may then be hidden so much longer, as ``gap_share``.
         min_spacing_px: Rails closer than this, across, can no longer be told apart.
         max_reach_m: Growing ends here.
         followed_rows: A followed track spans at least this share of the rows between the
@@ -82,6 +85,8 @@ class FollowerSettings:
     gap_m: float = 60.0
     gap_share: float = 1.0
     near_gap: float = 0.35
+    lone_votes: float = 0.4
+    lone_gap_share: float = 4.0
     min_spacing_px: float = 3.5
     max_reach_m: float = 400.0
     followed_rows: float = 0.70
@@ -99,6 +104,10 @@ class FollowerSettings:
     def for_bends(self) -> FollowerSettings:
         """The settings with which a track that was lost is grown once more."""
         return replace(self, curvature_walk=self.bend_walk, shrink=self.bend_shrink)
+
+    def for_lone_rails(self) -> FollowerSettings:
+        """The settings with which a track grows of which one rail alone is seen near the camera."""
+        return replace(self, gap_share=self.lone_gap_share)
 
     def stiffness(self, calibrated: bool) -> tuple[float, float]:
         """Standard deviations of the smooth track's curvature (1/m) and its change (1/m²)."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from railinspect.evaluation.drawn_tracks import camera
-from railinspect.track.begin import Line, Prior, find_lines, pair_of, pairs_of
+from railinspect.track.begin import Line, Prior, find_lines, lone_pairs, pair_of, pairs_of
 from railinspect.track.horizon import Horizon, fit_growth, prior_horizon
 from railinspect.track.ridges import ridge_points
 from railinspect.track.vanishing import smoothed, vanishing_point
@@ -123,3 +123,19 @@ def test_a_calibrated_camera_knows_its_horizon_and_growth() -> None:
     assert known.growth == pytest.approx(cam.rail_spacing_m * math.cos(cam.pitch_rad) / 2.8)
     assert known.row_std_px < vague.row_std_px
     assert known.growth_std < vague.growth_std
+
+
+@pytest.mark.parametrize("side", [-0.25, 0.25])
+def test_one_rail_alone_says_where_the_other_runs(side: float) -> None:
+    best, other = lone_pairs([Line(side * 190.0, side, 0.8)], 190.0, PRIOR)
+    assert (best.left.slope, best.right.slope) == pytest.approx((-0.25, 0.25))
+    assert best.left.bottom_px == pytest.approx(-47.5)
+    assert best.right.bottom_px == pytest.approx(47.5)
+    assert best.vanishing_px == pytest.approx((0.0, 0.0))
+    assert best.score == pytest.approx(0.8)  # what is not seen adds nothing
+    assert other.score < best.score  # the track on the rail's other side lies aside of the camera
+
+
+def test_no_line_or_one_far_aside_makes_no_lone_pair() -> None:
+    assert lone_pairs([], 190.0, PRIOR) == []
+    assert lone_pairs([Line(1.6 * 190.0, 1.6, 1.0)], 190.0, PRIOR) == []

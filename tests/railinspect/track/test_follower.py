@@ -208,6 +208,21 @@ def test_one_rail_missing_is_a_gap_of_that_rail() -> None:
     assert [g.rail for g in geometry.gaps] == ["left"]
 
 
+@pytest.mark.parametrize("curvature", [0.0, 1 / 500])
+def test_a_rail_hidden_near_the_camera_is_found_farther_on(curvature: float) -> None:
+    cam = camera()
+    masks = draw(cam, curvature)
+    score = masks.rail_score.copy()
+    score[215:, :320] = 0  # the left rail up to 30 m: a wiper
+    hidden = dataclasses.replace(masks, rail_score=score)
+    geometry = follow(hidden, cam, frames=1)
+    assert geometry.path is not None
+    seen = geometry.left_uv[:, 1] < 213
+    assert np.median(rail_error_px(geometry, cam, curvature)[seen]) < 0.5
+    assert not geometry.followed  # too little is seen of it to call the track clear
+    assert follow(hidden, None, frames=1).path is None  # only a known camera says where it runs
+
+
 def test_rails_that_end_early_are_not_followed() -> None:
     cam = camera()
     masks = draw(cam, 0.0)
