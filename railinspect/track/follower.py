@@ -92,7 +92,8 @@ class TrackFollower:
         )
         settled = None
         if candidates:
-            best = max(candidates, key=lambda c: c.growth.support + 0.1 * c.pair.score)
+            likely = self._settings.beginning_weight
+            best = max(candidates, key=lambda c: c.growth.support + likely * c.pair.score)
             best, centres, measured = settled_on(
                 segmentation.rail_score, best, now, calibrated, self._settings
             )

@@ -39,6 +39,9 @@ class FollowerSettings:
         gap_m: Longest stretch without any rail the growing crosses.
         gap_share: Longest such stretch as a share of the range at which it begins.
         near_gap: Share of the lowest rows that may be hidden (bonnet, wiper, text).
+        beginning_weight: Of several tracks that were grown the one is followed whose rails are seen
+            best, as a share, plus this much of how credible its beginning is: a thing on our track
+            hides its rails, and those of the track beside it are in full view.
         lone_votes: A line that says by itself, for a known camera, where the track begins is seen
             in this share of the rows near the camera;
         lone_gap_share: the other rail may then be hidden so much longer, as ``gap_share``.
@@ -85,6 +88,7 @@ class FollowerSettings:
     gap_m: float = 60.0
     gap_share: float = 1.0
     near_gap: float = 0.35
+    beginning_weight: float = 0.3
     lone_votes: float = 0.4
     lone_gap_share: float = 4.0
     min_spacing_px: float = 3.5

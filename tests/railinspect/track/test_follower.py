@@ -130,6 +130,24 @@ def test_parallel_tracks_do_not_capture() -> None:
     assert np.median(rail_error_px(unknown, cam, 0.0)) < 0.5
 
 
+@pytest.mark.parametrize(
+    ("cam", "known", "beside_m", "lorry_m"),
+    [
+        (camera((640, 360), 39.2, 3.7, 1.0), True, -4.2, 26.0),
+        (camera((640, 360), 39.2, 3.7, 1.0), True, 3.8, 30.0),
+        (camera(), False, -3.8, 18.0),
+    ],
+)
+def test_a_lorry_on_our_track_does_not_make_the_free_one_beside_it_ours(
+    cam: Camera, known: bool, beside_m: float, lorry_m: float
+) -> None:
+    lorry = Thing(labels.TRUCK, lorry_m, 0.0, 2.4, 3.5)
+    masks = draw(cam, 0.0, others_m=(beside_m,), things=[lorry])
+    geometry = follow(masks, cam if known else None, frames=1)
+    _, right, left = geometry.roi_uv
+    assert 0.5 * (left[0] + right[0]) == pytest.approx(319.5, abs=6.0)
+
+
 def test_a_turnout_does_not_capture() -> None:
     cam = camera()
     masks = draw(cam, 0.0)
