@@ -8,8 +8,8 @@ for a camera of the same height, and a person is as tall: the network has only t
 from one that is distorted, obstructed or walked on *at that place*. It answers from the picture
 itself and so errs in other pictures than the segmentation does.
 
-Close-ups need the track and say nothing where it is not followed. They say where along the track
-something is, not which pixels it covers.
+Close-ups need the track and say nothing where it is not followed, nor where it is too dark to see
+it. They say where along the track something is, not which pixels it covers.
 """
 
 from __future__ import annotations
@@ -57,6 +57,12 @@ LEAST_METRE_PX: Final = 5.0
 MOST_METRE_SHARE: Final = 0.4
 """So near that a metre takes up this share of the picture's width, a close-up would be mostly
 outside of it."""
+
+LEAST_CONTRAST: Final = 1.0
+"""Standard deviation of the ground's grey levels around a place, 0 … 255, below which nothing shows
+what the track is like there: night, or glare."""
+
+_GROUND: Final = np.s_[40:72, 30:98]
 
 FARTHEST_M: Final = 130.0
 BEYOND_REACH: Final = 1.15
@@ -229,7 +235,7 @@ class CloseUpNetwork:
             if not (0 <= u < rgb.shape[1] and 0 <= v < rgb.shape[0] and np.isfinite(metre)):
                 continue  # the track has left the picture there, or turned back behind a crest
             window = close_up(rgb, (u, v), metre)
-            if window is not None:
+            if window is not None and cv2.meanStdDev(window[_GROUND])[1].max() >= LEAST_CONTRAST:
                 at.append(chainage)
                 windows.append(window)
         if not windows:

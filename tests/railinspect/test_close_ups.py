@@ -36,6 +36,12 @@ from tests.railinspect.hand_bundle import bundle
 WIDE = camera((1920, 1080))
 
 
+def grainy(most: int) -> np.ndarray:
+    """A dark picture 1920×1080, coarse grain up to ``most`` grey levels in it."""
+    coarse = np.random.default_rng(5).integers(0, most + 1, (108, 192, 3), np.uint8)
+    return np.kron(coarse, np.ones((10, 10, 1), np.uint8)) + np.uint8(8)
+
+
 def by_hand(said: dict[str, object] | None = None, classes: int = len(ANSWERS)) -> bytes:
     """A network whose chances are the mean of each window's red channel, for every answer."""
     width, height = WINDOW_WH
@@ -129,13 +135,26 @@ def test_without_a_track_there_are_no_places() -> None:
 def test_each_place_gets_its_own_windows_answer() -> None:
     drawn = draw(WIDE)
     track = TrackFollower(WIDE).update(drawn)
-    picture = np.zeros((1080, 1920, 3), np.uint8)
-    picture[: round(WIDE.horizon_v()) + 60] = (255, 0, 0)  # far places are red
+    picture = grainy(10)
+    picture[: round(WIDE.horizon_v()) + 60, :, 0] = 250  # far places are red
     found = CloseUpNetwork(by_hand())(picture, track)
     assert len(found.chainage_m) == len(places(track))
     assert found.chances[-1, 0] > 0.9
     assert found.chances[0, 0] < 0.75
     assert (np.diff(found.chances[:, 0]) > -0.02).all()
+
+
+@pytest.mark.parametrize(("grey", "grain"), [(0, 0), (1, 1), (255, 0)])
+def test_nobody_looks_where_nothing_shows(grey: int, grain: int) -> None:
+    track = TrackFollower(WIDE).update(draw(WIDE))
+    look = CloseUpNetwork(by_hand())
+    picture = grainy(grain)
+    picture[:] = np.clip(picture.astype(int) - 8 + grey, 0, 255)
+    assert len(look(picture, track).chainage_m) == 0
+    picture[: round(WIDE.horizon_v()) + 60] = grainy(16)[: round(WIDE.horizon_v()) + 60]
+    far = look(picture, track).chainage_m
+    assert 3 < len(far) < len(places(track))
+    assert far.min() > places(track).min()
 
 
 def test_more_windows_than_a_batch_come_back_in_order() -> None:
@@ -185,6 +204,6 @@ def test_nobody_looks_where_the_track_has_left_the_picture() -> None:
     uv = track.path.uv.copy()
     uv[track.path.chainage_m > 30.0, 0] += 1000.0  # as if it turned sharply
     turned = dataclasses.replace(track, path=dataclasses.replace(track.path, uv=uv))
-    found = CloseUpNetwork(by_hand())(np.zeros((1080, 1920, 3), np.uint8), turned)
+    found = CloseUpNetwork(by_hand())(grainy(10), turned)
     assert len(places(turned)) > len(found.chainage_m) > 5
     assert found.chainage_m.max() <= 30.0
