@@ -257,8 +257,9 @@ def pairs_of(lines: list[Line], bottom_px: float, prior: Prior, limit: int = 3) 
 def lone_pairs(lines: list[Line], bottom_px: float, prior: Prior, limit: int = 3) -> list[Pair]:
     """Pairs of which one line alone is seen, best first.
 
-    Where a wiper or a thing hides one rail all the way, the other one and the camera say where it
-    runs: it meets the seen one at the expected horizon, the expected growth aside.
+    Where a wiper or a thing hides one rail, or a curve leaves no straight line of it, the other one
+    and the camera say where it runs: it meets the seen one at the expected horizon, the expected
+    growth aside.
 
     Args:
         lines: Lines of :func:`find_lines`.

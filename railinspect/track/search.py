@@ -108,7 +108,7 @@ def search(
         settings: Tuning.
 
     Returns:
-        Up to three candidates with a track of at least three windows, and all lines found.
+        Candidates with a track of at least three windows, and all lines found.
     """
     width, height = camera.size_wh
     scale = width / 640.0
@@ -165,9 +165,9 @@ def search(
         return [candidate for candidate in every if candidate is not None]
 
     candidates = grown(pairs, settings)
-    if not candidates and calibrated and state.pair is None:
+    if calibrated and state.pair is None:
         sure = [line for line in lines if line.votes >= settings.lone_votes]
-        candidates = grown(lone_pairs(sure, bottom, prior), settings.for_lone_rails())
+        candidates += grown(lone_pairs(sure, bottom, prior), settings.for_lone_rails())
     return candidates, lines
 
 

@@ -241,6 +241,19 @@ def test_a_rail_hidden_near_the_camera_is_found_farther_on(curvature: float) -> 
     assert follow(hidden, None, frames=1).path is None  # only a known camera says where it runs
 
 
+@pytest.mark.parametrize(("curvature", "centre"), [(0.0, 320.0), (1 / 400, 304.0)])
+def test_a_rail_hidden_near_the_camera_does_not_make_the_track_beside_it_ours(
+    curvature: float, centre: float
+) -> None:
+    cam = camera((640, 360), 39.2, 3.7, 1.0)
+    masks = draw(cam, curvature, others_m=(4.2,))
+    score = masks.rail_score.copy()
+    score[205:, 320:420] = 0  # the right rail
+    geometry = follow(dataclasses.replace(masks, rail_score=score), cam, frames=1)
+    _, right, left = geometry.roi_uv
+    assert 0.5 * (left[0] + right[0]) == pytest.approx(centre, abs=6.0)
+
+
 def test_rails_that_end_early_are_not_followed() -> None:
     cam = camera()
     masks = draw(cam, 0.0)
