@@ -163,8 +163,10 @@ class TrackFollower:
         nearby = [best.pair.left, best.pair.right, *lines]
         point, residual = vanishing_point(nearby, bottom, best.pair.vanishing_px, 4.0 * scale)
         vanishing = smoothed(state.vanishing_px, point, residual / scale**2, settings.psi)
+        ours = not calibrated or state.frames > 0 or best.pair.score >= settings.followed_beginning
         followed = (
-            found.rows >= settings.followed_rows
+            ours
+            and found.rows >= settings.followed_rows
             and found.cover >= settings.followed_cover
             and found.reach_m >= settings.followed_reach_m
             and found.contrast >= settings.followed_contrast
@@ -172,6 +174,8 @@ class TrackFollower:
         reason = f"{STOPS[best.growth.stop]} at {found.reach_m:.0f} m"
         if not followed and found.cover < settings.followed_cover:
             reason = f"a rail is seen in only {found.cover:.0%} of the rows; {reason}"
+        elif not ours:
+            reason = f"a track is seen, but it hardly begins where ours can; {reason}"
         elif not followed and found.contrast < settings.followed_contrast:
             reason = "the rails do not stand out from the ground between them"
         if branches:

@@ -51,8 +51,11 @@ class FollowerSettings:
             bottom of the image and the horizon,
         followed_cover: has each rail seen in at least this share of those rows,
         followed_reach_m: reaches at least this far,
-        followed_contrast: and has rails whose probability exceeds that of the ground between
-            them by at least this.
+        followed_contrast: has rails whose probability exceeds that of the ground between them by
+            at least this,
+        followed_beginning: and the first time, for a known camera, begins where ours may with at
+            least this score (:func:`railinspect.track.begin.pair_of`); below 0 the place speaks
+            more against it than the rails in view for it.
         curvature_std: Standard deviation of a track's curvature, 1/m.
         curvature_rate: Standard deviation of its change per metre, over 10 m, 1/m²: the sharpest
             transitions of a 200 m curve reach it, a ripple exceeds it many times.
@@ -97,6 +100,7 @@ class FollowerSettings:
     followed_cover: float = 0.60
     followed_reach_m: float = 15.0
     followed_contrast: float = 0.25
+    followed_beginning: float = 0.0
     curvature_std: float = 1 / 150
     curvature_rate: float = 1.2e-4
     unknown_focal: float = 1.4

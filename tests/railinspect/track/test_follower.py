@@ -254,6 +254,26 @@ def test_a_rail_hidden_near_the_camera_does_not_make_the_track_beside_it_ours(
     assert 0.5 * (left[0] + right[0]) == pytest.approx(centre, abs=6.0)
 
 
+@pytest.mark.parametrize("rail", [(220, 320), (320, 420)])
+@pytest.mark.parametrize("beside_m", [-4.2, 4.2])
+@pytest.mark.parametrize("curvature", [0.0, 1 / 400, -1 / 400])
+def test_with_one_rail_hidden_the_track_beside_it_is_never_called_ours(
+    curvature: float, beside_m: float, rail: tuple[int, int]
+) -> None:
+    cam = camera((640, 360), 39.2, 3.7, 1.0)
+    masks = draw(cam, curvature, others_m=(beside_m,))
+    for top in (190, 205, 220):
+        score = masks.rail_score.copy()
+        score[top:, slice(*rail)] = 0
+        follower = TrackFollower(cam)
+        for _ in range(3):
+            geometry = follower.update(dataclasses.replace(masks, rail_score=score))
+            _, right, left = geometry.roi_uv if len(geometry.roi_uv) else ((320, 0),) * 3
+            aside = abs(0.5 * (left[0] + right[0]) - 320.0)
+            assert aside < 25 or not geometry.followed
+            assert aside < 25 or "ours" in geometry.reason
+
+
 def test_rails_that_end_early_are_not_followed() -> None:
     cam = camera()
     masks = draw(cam, 0.0)
